@@ -1,0 +1,1 @@
+//! The configuration's types, its commented default and its errors.

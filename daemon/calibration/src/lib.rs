@@ -1,0 +1,1 @@
+//! From a projector's calibration to the frustum that its rays leave by.

@@ -1,0 +1,1 @@
+//! The only unsafe code: Vulkan objects as safe, named, reference-counted values.

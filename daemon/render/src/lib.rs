@@ -1,0 +1,1 @@
+//! The passes, their order, and what each change makes stale.

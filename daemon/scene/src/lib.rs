@@ -1,0 +1,1 @@
+//! The scene: glTF, materials, instances, edits and acceleration structures.

@@ -1,0 +1,2 @@
+//! lanternctl.
+fn main() {}

@@ -1,0 +1,2 @@
+//! lanternd.
+fn main() {}

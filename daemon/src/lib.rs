@@ -1,0 +1,1 @@
+//! Lanternd, the render daemon, and lanternctl, the operator's hand.

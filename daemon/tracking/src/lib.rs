@@ -1,0 +1,1 @@
+//! Trackers: UDP sources, bodies and their poses.

@@ -1,0 +1,1 @@
+//! The wire's types: socket messages and the pose packet.
