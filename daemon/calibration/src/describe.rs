@@ -1,0 +1,1 @@
+//! What a calibration sees, for people.
