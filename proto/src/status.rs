@@ -1,0 +1,172 @@
+//! `status`'s answer.
+//!
+//! The contract's example is the least that it holds; readers skip what they do not know.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// How the daemon does.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// The daemon's version.
+    pub version: String,
+    /// Since the process started.
+    pub uptime_s: f64,
+    /// What renders.
+    pub device: DeviceStatus,
+    /// What is rendered.
+    pub scene: SceneStatus,
+    /// By name: what trackers move.
+    pub bodies: BTreeMap<String, BodyStatus>,
+    /// By name.
+    pub trackers: BTreeMap<String, TrackerStatus>,
+    /// By name.
+    pub projectors: BTreeMap<String, ProjectorStatus>,
+}
+
+/// The Vulkan device.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DeviceStatus {
+    /// As the driver says.
+    pub name: String,
+    /// Driver's name and version.
+    pub driver: String,
+    /// `cpu`, `integrated`, `discrete`, `virtual` or `other`.
+    pub kind: String,
+    /// Messages of the validation layer so far; absent where the layer is off.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub validation_messages: Option<u64>,
+}
+
+/// The scene's size.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SceneStatus {
+    /// Grows with each edit that is applied.
+    pub revision: u64,
+    /// Nodes, visible or not.
+    pub nodes: u64,
+    /// Triangles of all nodes.
+    pub triangles: u64,
+    /// On the device.
+    pub bytes: u64,
+    /// The world position that device coordinates are relative to.
+    #[serde(default)]
+    pub origin_m: [f64; 3],
+}
+
+/// A body's last pose.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BodyStatus {
+    /// World, m.
+    pub position_m: [f64; 3],
+    /// World from body, unit quaternion.
+    pub orientation: [f64; 4],
+    /// The tracker's name, `socket`, or `config` until anything speaks.
+    pub source: String,
+    /// Since it was said.
+    pub age_ms: f64,
+}
+
+/// A tracker's counters.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TrackerStatus {
+    /// As in the configuration.
+    pub protocol: String,
+    /// Packets that moved a body.
+    pub accepted: u64,
+    /// Packets that were dropped as bad, from a stranger, or for an unknown body.
+    pub rejected: u64,
+    /// Why the last one was.
+    pub last_reject: Option<String>,
+    /// Accepted packets a second, over the last second.
+    pub rate_hz: f64,
+    /// Good packets that were dropped because a newer one came before.
+    #[serde(default)]
+    pub dropped_old: u64,
+    /// Where it listens.
+    #[serde(default)]
+    pub listen: String,
+}
+
+/// A projector's state.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ProjectorStatus {
+    /// Width and height.
+    pub resolution_px: [u32; 2],
+    /// `headless`, `window` or `display`.
+    pub output: String,
+    /// Shown since the start.
+    pub frames: u64,
+    /// Frames that came too late to be shown.
+    pub missed: u64,
+    /// Where its work is submitted.
+    pub queue: QueueStatus,
+    /// From the start of a frame to its end.
+    pub frame_ms: FrameTimes,
+    /// By stage: the last frame's time on the device; `primary`, `secondary` and `composite` at least.
+    pub stages_ms: BTreeMap<String, f64>,
+    /// From reading the pose to the submission that uses it, last frame.
+    pub pose_to_submit_ms: f64,
+    /// The scene's revision that is shown.
+    #[serde(default)]
+    pub revision: u64,
+    /// The number of the frame that is shown.
+    #[serde(default)]
+    pub frame: u64,
+}
+
+/// A queue of the device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct QueueStatus {
+    /// Index of the family.
+    pub family: u32,
+    /// Index in the family.
+    pub index: u32,
+    /// Whether other projectors submit to it too.
+    pub shared: bool,
+}
+
+/// Percentiles of frame times, ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrameTimes {
+    /// Median.
+    pub p50: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// Longest.
+    pub max: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The contract's example, to the letter.
+    const EXAMPLE: &str = r#"{"version": "…", "uptime_s": 1.0, "device": {"name": "…", "driver": "…", "kind": "cpu"},
+ "scene": {"revision": 3, "nodes": 5, "triangles": 70000, "bytes": 123},
+ "bodies": {"head": {"position_m": [0,1.7,2.5], "orientation": [0,0,0,1], "source": "optitrack", "age_ms": 4.1}},
+ "trackers": {"optitrack": {"protocol": "lantern", "accepted": 100, "rejected": 2, "last_reject": "…", "rate_hz": 120.0}},
+ "projectors": {"left": {"resolution_px": [1280,800], "output": "headless", "frames": 10, "missed": 0,
+   "queue": {"family": 0, "index": 0, "shared": true}, "frame_ms": {"p50": 1.0, "p95": 2.0, "max": 3.0},
+   "stages_ms": {"primary": 0.0, "secondary": 1.0, "composite": 0.2}, "pose_to_submit_ms": 0.4}}}"#;
+
+    /// Every path to a leaf; arrays are leaves.
+    fn paths(prefix: &str, value: &serde_json::Value, out: &mut Vec<String>) {
+        match value.as_object() {
+            Some(map) => map.iter().for_each(|(key, value)| paths(&format!("{prefix}.{key}"), value, out)),
+            None => out.push(prefix.to_owned()),
+        }
+    }
+
+    #[test]
+    fn holds_everything_that_the_contract_names() {
+        let status: Status = serde_json::from_str(EXAMPLE).unwrap();
+        let (mut asked, mut given) = (Vec::new(), Vec::new());
+        paths("", &serde_json::from_str(EXAMPLE).unwrap(), &mut asked);
+        paths("", &serde_json::to_value(&status).unwrap(), &mut given);
+        for path in asked {
+            assert!(given.contains(&path), "{path} is missing from {given:?}");
+        }
+        assert_eq!(serde_json::from_str::<Status>(&serde_json::to_string(&status).unwrap()).unwrap(), status);
+    }
+}
