@@ -1,1 +1,25 @@
 //! The configuration's types, its commented default and its errors.
+//!
+//! [`Config::load`] reads a file and gives either a configuration in which every name resolves and every number is in
+//! its range, or all that is wrong with it: each [`Problem`] says where, why and what to do. Nothing is opened but that
+//! one file; whether the files that it names can be read is for those who read them to say.
+//!
+//! The format is the contract's ("Config"), and two additions: `[[scene.material]]` and `[[scene.light]]` take the
+//! fields of the edits of the same name, and `[limits]` bounds what is taken in (see [`Limits`]).
+
+mod load;
+mod problem;
+mod read;
+mod reader;
+mod scene;
+mod types;
+
+pub use problem::Problem;
+pub use scene::{Environment, LightKind, Role, Scene, SceneLight, SceneMaterial, SceneNode};
+pub use types::{
+    Body, Calibration, Config, Convention, Daemon, Device, Drives, Limits, Matrix4, Output, Projector, Protocol,
+    RasterOrder, Render, Tracker,
+};
+
+/// The demo's configuration, commented; also the place to start a configuration of one's own from.
+pub const DEMO_TOML: &str = include_str!("../demo.toml");

@@ -1,0 +1,97 @@
+//! `[[projector]]`.
+
+use super::unique_name;
+use crate::reader::{Table, Value};
+use crate::types::{Calibration, Convention, Output, Projector};
+use std::collections::HashSet;
+
+/// The largest side of an image: what every Vulkan driver in use can render to.
+const MAX_SIDE_PX: f64 = 16_384.0;
+
+pub(crate) fn projectors(tables: Vec<Table<'_>>) -> Option<Vec<Projector>> {
+    let mut taken = HashSet::new();
+    let projectors: Vec<_> = tables.into_iter().map(|table| projector(table, &mut taken)).collect();
+    projectors.into_iter().collect()
+}
+
+fn projector(table: Table<'_>, taken: &mut HashSet<String>) -> Option<Projector> {
+    let name = unique_name(&table, taken, "\"left\"");
+    let resolution_px = table.required("resolution_px", "[1280, 800]").and_then(|value| {
+        let is_side = |x: f64| x.fract() == 0.0 && (1.0..=MAX_SIDE_PX).contains(&x);
+        let sides: [f64; 2] = value.numbers_where("that is whole, from 1 to 16384", is_side)?;
+        // Whole and in range, so the conversion is exact.
+        Some(sides.map(|side| side as u32))
+    });
+    let output = match table.get("output") {
+        None => Some(Output::Headless { refresh_hz: 60.0 }),
+        Some(value) => value.table().and_then(output),
+    };
+    let calibration = table
+        .required("calibration", "{ convention = …, projection = …, view = … }")
+        .and_then(|value| value.table())
+        .and_then(calibration);
+    table.finish();
+    Some(Projector { name: name?, resolution_px: resolution_px?, output: output?, calibration: calibration? })
+}
+
+fn output(table: Table<'_>) -> Option<Output> {
+    #[derive(Clone, Copy, PartialEq)]
+    enum Kind {
+        Headless,
+        Window,
+        Display,
+    }
+    let kinds = [("headless", Kind::Headless), ("window", Kind::Window), ("display", Kind::Display)];
+    let kind_value = table.required("kind", "\"headless\"");
+    let kind = kind_value.as_ref().and_then(|value| value.choice(&kinds));
+    let refresh = table.get("refresh_hz");
+    let refresh_hz = refresh.and_then(|v| v.number_where("above 0, at most 1000", |hz| hz > 0.0 && hz <= 1000.0));
+
+    // A connector is a display's; where displays are refused as a whole it needs no words of its own.
+    if let (Some(connector), Some(Kind::Headless)) = (table.get("connector"), kind) {
+        connector.problem("a headless output has no connector", "remove `connector`");
+    }
+    if let (Some(value), Some(Kind::Window | Kind::Display)) = (&kind_value, kind) {
+        value.problem("outputs other than headless are not built yet", "write output = { kind = \"headless\" }");
+    }
+    table.finish();
+    (kind == Some(Kind::Headless)).then_some(Output::Headless { refresh_hz: refresh_hz.unwrap_or(60.0) })
+}
+
+fn calibration(table: Table<'_>) -> Option<Calibration> {
+    let (file, format, entry) = (table.get("file"), table.get("format"), table.get("entry"));
+    let conventions = [("opengl", Convention::OpenGl), ("vulkan", Convention::Vulkan)];
+
+    // A calibration by file is refused, but said to be wrong first where it is mixed with matrices.
+    if let Some(file) = file {
+        let mixed = [table.get("projection"), table.get("view")].into_iter().flatten().next();
+        match mixed {
+            Some(matrix) => matrix.problem(
+                format!("`{}` stands beside `file`: a calibration has matrices or a file, not both", matrix.path),
+                "remove `file`, `format` and `entry`",
+            ),
+            None => file.problem(
+                "calibration files are not built yet",
+                "write convention, projection and view, as the commented default does",
+            ),
+        }
+        table.get("convention").and_then(|value| value.choice(&conventions));
+        table.finish();
+        return None;
+    }
+    for value in [format, entry].into_iter().flatten() {
+        value.problem(format!("`{}` is of no use without `file`", value.path), "remove it");
+    }
+
+    let convention = table.get("convention");
+    if convention.is_none() {
+        let hint = "add convention = \"opengl\" (y up, z from -1 to 1) or \"vulkan\" (y down, z from 0 to 1): the clip \
+                    space that `projection` leads to, which nothing else tells";
+        table.problem("the calibration has no `convention`, which is required", hint);
+    }
+    let convention = convention.and_then(|value| value.choice(&conventions));
+    let matrix = |key| table.required(key, "[[…], […], […], […]]").and_then(|value: Value<'_>| value.matrix());
+    let (projection, view) = (matrix("projection"), matrix("view"));
+    table.finish();
+    Some(Calibration { convention: convention?, projection: projection?, view: view? })
+}

@@ -1,0 +1,216 @@
+//! The configuration in memory.
+//!
+//! Vectors are arrays in metres, quaternions x, y, z, w, matrices arrays of rows, all in the world frame: right-handed,
+//! +Y up. Paths are absolute or relative to the working folder: those of the file have been joined to its folder.
+
+use crate::scene::Scene;
+use std::collections::BTreeMap;
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
+
+/// A 4 × 4 matrix as rows.
+pub type Matrix4 = [[f64; 4]; 4];
+
+/// A whole configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// The folder of the file: what relative paths start from.
+    pub base_dir: PathBuf,
+    /// `[daemon]`.
+    pub daemon: Daemon,
+    /// `[device]`.
+    pub device: Device,
+    /// `[render]`.
+    pub render: Render,
+    /// `[scene]`.
+    pub scene: Scene,
+    /// `[[body]]`, in the file's order.
+    pub bodies: Vec<Body>,
+    /// `[[tracker]]`, in the file's order.
+    pub trackers: Vec<Tracker>,
+    /// `[[projector]]`, in the file's order; at least one.
+    pub projectors: Vec<Projector>,
+    /// `[limits]`.
+    pub limits: Limits,
+}
+
+impl Config {
+    /// The body whose pose is the viewer's eye; `None` where no body drives it.
+    pub fn viewer(&self) -> Option<&Body> {
+        self.bodies.iter().find(|body| body.drives == Some(Drives::Viewer))
+    }
+}
+
+/// Where the daemon listens and what it keeps.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Daemon {
+    /// The control socket, unless the command line or the environment names one.
+    pub socket: Option<PathBuf>,
+    /// Where the scene is kept across restarts; `None`: nothing is kept.
+    pub state_dir: Option<PathBuf>,
+    /// The only folders from which a client may have files read.
+    pub asset_roots: Vec<PathBuf>,
+}
+
+/// Which Vulkan device renders.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Device {
+    /// Part of a name, a UUID, or an index; `None`: the best there is.
+    pub select: Option<String>,
+}
+
+/// How frames are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Render {
+    /// Per pixel, a square number from 1 to 256: a jittered grid, or for 1 the pixel's centre.
+    pub samples: u32,
+    /// Secondary rays deep, 0 to 64.
+    pub max_depth: u32,
+    /// When raster nodes are drawn.
+    pub raster: RasterOrder,
+    /// Whether overlapping projectors share the light of what both reach.
+    pub blend: bool,
+}
+
+impl Default for Render {
+    fn default() -> Self {
+        Self { samples: 4, max_depth: 8, raster: RasterOrder::After, blend: true }
+    }
+}
+
+/// When raster nodes are drawn, beside the composite pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RasterOrder {
+    /// First the raster nodes, then the traced image against their depth.
+    Before,
+    /// First the traced image with its depth, then the raster nodes.
+    After,
+}
+
+/// Whatever a tracker can move.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    /// Unique among bodies.
+    pub name: String,
+    /// What follows it; `None`: it shows in `status` alone.
+    pub drives: Option<Drives>,
+    /// Where it is until a tracker speaks.
+    pub position_m: [f64; 3],
+    /// From the tracked point to the eye (or to the node's origin), in the body's frame.
+    pub offset_m: [f64; 3],
+}
+
+/// What a body moves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Drives {
+    /// The eye.
+    Viewer,
+    /// The node of this name, which the scene has.
+    Node(String),
+}
+
+/// A source of poses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tracker {
+    /// Unique among trackers.
+    pub name: String,
+    /// What it speaks.
+    pub protocol: Protocol,
+    /// Where it is listened to.
+    pub listen: SocketAddr,
+    /// Source addresses that are listened to.
+    pub allow: Vec<IpAddr>,
+    /// The tracker's id of a body → the body's name.
+    pub bodies: BTreeMap<u16, String>,
+    /// A rotation, a translation and a uniform scale.
+    pub world_from_tracker: Matrix4,
+}
+
+/// Tracker protocols that are built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// The contract's own 64-byte packets.
+    Lantern,
+}
+
+impl Protocol {
+    /// The name in the configuration and in `status`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Lantern => "lantern",
+        }
+    }
+}
+
+/// One projector.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Projector {
+    /// Unique among projectors.
+    pub name: String,
+    /// Width and height, each from 1 to 16384.
+    pub resolution_px: [u32; 2],
+    /// Where its image goes.
+    pub output: Output,
+    /// From the world to its image.
+    pub calibration: Calibration,
+}
+
+/// Where an image goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Output {
+    /// Nowhere: it is kept for snapshots.
+    Headless {
+        /// Frames a second at most.
+        refresh_hz: f64,
+    },
+}
+
+/// A projector's matrices; each is finite and invertible.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// The clip space that `projection` leads to.
+    pub convention: Convention,
+    /// Clip from eye.
+    pub projection: Matrix4,
+    /// Eye from world.
+    pub view: Matrix4,
+}
+
+/// Clip spaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Convention {
+    /// y up, z from −1 to 1.
+    OpenGl,
+    /// y down, z from 0 to 1.
+    Vulkan,
+}
+
+/// Bounds on what is taken in, so that memory is bounded whatever a client sends. Our addition to the contract.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Clients of the control socket at a time. Default 16.
+    pub max_clients: u32,
+    /// Answers that wait for a client that does not read, before it is dropped, MiB. Default 64.
+    pub max_client_mib: u32,
+    /// Nodes of the scene, those inside files counted. Default 65536.
+    pub max_nodes: u32,
+    /// Triangles of all meshes, each counted once however often it is placed. Default 16 million.
+    pub max_triangles: u64,
+    /// Texels of all textures. Default 64 Mi.
+    pub max_texels: u64,
+    /// One file with all that it names, MiB. Default 1024.
+    pub max_file_mib: u32,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            max_clients: 16,
+            max_client_mib: 64,
+            max_nodes: 65_536,
+            max_triangles: 16_000_000,
+            max_texels: 1 << 26,
+            max_file_mib: 1024,
+        }
+    }
+}
