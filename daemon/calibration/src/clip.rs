@@ -5,8 +5,9 @@ use glam::{DMat4, DVec2, DVec4, UVec2};
 /// A 4 × 4 matrix as configuration files have it: an array of rows.
 pub type Matrix4 = [[f64; 4]; 4];
 
-/// A determinant this small beside the product of the row lengths (Hadamard's bound, which no scaling of rows changes)
-/// leaves no digit of the inverse. A frustum of near/far = 1e-6 seen from a kilometre away is still at 1e-9.
+/// A determinant this small beside Hadamard's bound (the product of the row lengths, once each column's largest entry is
+/// 1) leaves no digit of the inverse. A frustum whose far plane is a million times as far as its near one, a thousand
+/// kilometres from the world's origin, is still at 1e-6.
 const SINGULAR_BELOW: f64 = 1e-13;
 
 /// Why a pair of matrices is no calibration.
@@ -207,10 +208,13 @@ fn checked(matrix: &'static str, rows: &Matrix4) -> Result<DMat4, CalibrationErr
 /// The inverse, refined by one step of Newton and Schulz, which takes the cofactor formula's error to the last digits.
 fn inverse(matrix: &'static str, mat: DMat4) -> Result<DMat4, CalibrationError> {
     let determinant = mat.determinant();
-    let bound: f64 = (0..4).map(|i| mat.row(i).length()).product();
+    let column_sizes = DVec4::from_array(std::array::from_fn(|i| mat.col(i).abs().max_element()));
+    let balanced = mat * DMat4::from_diagonal(column_sizes.recip());
+    let bound: f64 = (0..4).map(|i| balanced.row(i).length()).product();
     let first = mat.inverse();
-    // Written so that a NaN, from entries whose products overflow, is singular too.
-    if !(determinant.abs() > SINGULAR_BELOW * bound && first.is_finite()) {
+    // Written so that a NaN, from an empty column or from products that overflow, is singular too.
+    let has_an_inverse = balanced.determinant().abs() > SINGULAR_BELOW * bound && first.is_finite();
+    if !has_an_inverse {
         return Err(CalibrationError::Singular { matrix, determinant });
     }
     Ok(first * (DMat4::IDENTITY * 2.0 - mat * first))
@@ -261,8 +265,16 @@ mod tests {
 
         // Independent in exact arithmetic, but by less than the numbers can tell.
         let mut almost = IDENTITY;
-        almost[2] = [0.0, 0.0, 1e-15, 1.0];
+        almost[0] = [1.0, 1.0, 0.0, 0.0];
+        almost[1] = [1.0, 1.0 + 1e-15, 0.0, 0.0];
         assert!(refused(&almost, &IDENTITY).contains("singular"));
+
+        // Far from the origin, by less than a digit of the rotation: no reason to refuse.
+        let mut far_away = IDENTITY;
+        for row in &mut far_away[..3] {
+            row[3] = 1e7;
+        }
+        assert!(Calibration::from_matrices(&IDENTITY, &far_away, Convention::OpenGl, size).is_ok());
 
         let mut holed = IDENTITY;
         holed[1][3] = f64::NAN;

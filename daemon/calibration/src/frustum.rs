@@ -95,6 +95,8 @@ impl Plane {
 pub struct Frustum {
     calibration: Calibration,
     near: Plane,
+    /// w = 0: each ray's point at infinity, which is its direction.
+    along: Plane,
     far: Plane,
     reversed: bool,
     parallel: bool,
@@ -105,7 +107,8 @@ impl Frustum {
     pub fn new(calibration: Calibration) -> Self {
         // Which depth limit is near: H.w falls with z where depth is standard. Parallel rays have no growing clip w;
         // theirs runs from the convention's first limit to its second.
-        let w_row = calibration.world_from_clip().row(3);
+        let world_from_clip = calibration.world_from_clip();
+        let w_row = world_from_clip.row(3);
         let parallel = w_row.z.abs() <= PARALLEL_BELOW * w_row.abs().max_element();
         let reversed = !parallel && w_row.z > 0.0;
         let [first, second] = calibration.convention().depth_limits();
@@ -120,7 +123,14 @@ impl Frustum {
         if largest_w(&far) <= INFINITE_BELOW * largest_w(&near) {
             far = far.map(|v| v.truncate().extend(0.0));
         }
-        Self { calibration, near, far, reversed, parallel }
+
+        // The ray's direction is far.xyz · near.w − near.xyz · far.w: the difference of the two divided points, times both
+        // w, so that no far w of 0 is divided by, and the sign stays right through infinity, where far w turns negative.
+        // Since far = near + step · world-from-clip's z column, it is linear in the near point, hence affine in the
+        // pixel, and need not be taken as a difference of large products for each ray.
+        let z_column = world_from_clip.col(2) * (far_z - near_z);
+        let along = near.map(|n| (z_column.truncate() * n.w - n.truncate() * z_column.w).extend(0.0));
+        Self { calibration, near, along, far, reversed, parallel }
     }
 
     /// What it was made from.
@@ -142,8 +152,8 @@ impl Frustum {
         &self.near
     }
 
-    pub(crate) fn far(&self) -> &Plane {
-        &self.far
+    pub(crate) fn along(&self) -> &Plane {
+        &self.along
     }
 
     /// The eight corners in homogeneous world coordinates: the near four, then the far four, each in the order top
@@ -165,9 +175,7 @@ impl Frustum {
             return None;
         }
 
-        // far.xyz / far.w − near.xyz / near.w, times near.w · far.w: no division by a far w that may be 0, and the
-        // sign stays right through infinity, where far.w turns negative.
-        let along = far.truncate() * near.w - near.truncate() * far.w;
+        let along = self.along.at(place_px).truncate();
         let length = along.length();
         let origin_m = near.truncate() / near.w;
         let t_max_m = if far.w > 0.0 { length / (near.w * far.w) } else { f64::INFINITY };

@@ -3,19 +3,22 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, DVec4, Vec2, Vec3, Vec4};
 
-use crate::{Frustum, frustum::Plane};
+use crate::Frustum;
 
 /// A frustum relative to a scene origin; 176 bytes, eleven `vec4`, so the same in std140 and std430.
 ///
-/// Its twin is `GpuFrustum` in `shaders-glsl/include/frustum.glsl`. A *functional* is a row vector for (P, 1), where P
-/// is a point in metres relative to the scene origin. With `near = near_00 + x·near_dx + y·near_dy` at a place (x, y)
-/// in pixels, and `far` likewise:
+/// Its twin is `GpuFrustum` in `shaders-glsl/include/frame.glsl`. A *functional* is a row vector for (P, 1), where P is a
+/// point in metres relative to the scene origin. At a place (x, y) in pixels let `near = near_00 + x·near_dx + y·near_dy`,
+/// `far` likewise, and `s = 2·z_base − 1`. Then
 ///
-/// - no ray where `near.w ≤ 0`;
-/// - origin = `near.xyz / near.w`, m;
-/// - direction = `normalize(far.xyz·near.w − near.xyz·far.w)`;
-/// - t_max = `length(far.xyz·near.w − near.xyz·far.w) / (near.w·far.w)` m where `far.w > 0`, else infinite;
-/// - window z of P = `z_base + depth_row·(P, 1) / clip_w·(P, 1)`.
+/// - there is no ray where `near.w ≤ 0`;
+/// - origin = `near.xyz / near.w`, m, whose clip w is `w₀ = 1 / near.w`;
+/// - direction `d = normalize(far.xyz)`;
+/// - t_max = `w₀ / (s · dot(depth_row.xyz, d))` m where that is above 0, else infinite;
+/// - window z at distance t = `z_base + (t·dot(depth_row.xyz, d) − s·w₀) / (w₀ + t·dot(clip_w.xyz, d))`: no large numbers
+///   cancel in it, wherever the scene origin is;
+/// - window z of any P = `z_base + depth_row·(P, 1) / clip_w·(P, 1)`, which loses digits as P is far from the origin and
+///   near to the projector.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct GpuFrustum {
@@ -25,7 +28,7 @@ pub struct GpuFrustum {
     pub near_dx: [f32; 4],
     /// Its change per pixel down.
     pub near_dy: [f32; 4],
-    /// Homogeneous point on the far plane at the top left corner; w = 0 is a direction.
+    /// The ray's point at infinity at the top left corner: its direction, not normalised; w = 0.
     pub far_00: [f32; 4],
     /// Its change per pixel to the right.
     pub far_dx: [f32; 4],
@@ -56,17 +59,20 @@ pub struct GpuRay {
     pub direction: Vec3,
     /// Metres; +inf where the far plane is at infinity.
     pub t_max_m: f32,
+    /// Clip w at the origin, in the scale of [`GpuFrustum::clip_w`].
+    pub origin_clip_w: f32,
 }
 
 impl GpuFrustum {
     /// Packs a frustum; world points become relative to `origin_m`. Everything is computed in f64 and rounded once.
     pub fn new(frustum: &Frustum, origin_m: DVec3) -> Self {
-        let near = relative(frustum.near(), origin_m);
-        let far = relative(frustum.far(), origin_m);
-
-        // The functionals share one scale, so that their quotients stay; it is that of clip w.
+        // One scale for all functionals, and its inverse for the near plane, so that 1 / near.w is the functional of
+        // clip w. Any positive scale would do; this one keeps f32 far from its ends. Directions have their own.
         let clip_from_world = frustum.calibration().clip_from_world();
         let scale = clip_from_world.row(3).abs().max_element().recip();
+        let near = frustum.near().map(|v| (v.truncate() - origin_m * v.w).extend(v.w) / scale);
+        let largest = frustum.along().at_00.abs().max_element();
+        let far = frustum.along().map(|v| v / largest);
         let functional = |row: DVec4| {
             let at_origin = row.truncate().dot(origin_m) + row.w;
             (row.truncate().extend(at_origin) * scale).as_vec4().to_array()
@@ -99,10 +105,14 @@ impl GpuFrustum {
         if near.w <= 0.0 {
             return None;
         }
-        let along = far.truncate() * near.w - near.truncate() * far.w;
-        let length = along.length();
-        let t_max_m = if far.w > 0.0 { length / (near.w * far.w) } else { f32::INFINITY };
-        Some(GpuRay { origin_m: near.truncate() / near.w, direction: along / length, t_max_m })
+        let direction = far.truncate().normalize();
+        let rise = self.depth_sign() * Vec4::from(self.depth_row).truncate().dot(direction);
+        let t_max_m = if rise > 0.0 { near.w.recip() / rise } else { f32::INFINITY };
+        Some(GpuRay { origin_m: near.truncate() / near.w, direction, t_max_m, origin_clip_w: near.w.recip() })
+    }
+
+    fn depth_sign(&self) -> f32 {
+        2.0 * self.z_base - 1.0
     }
 
     /// The pixel of a point relative to the scene origin, by the shader's own steps; `None` where clip w is not above 0.
@@ -116,17 +126,16 @@ impl GpuFrustum {
         Some((ndc * Vec2::new(1.0, self.y_sign) * 0.5 + 0.5) * Vec2::from(self.resolution_px))
     }
 
-    /// Window z of a point relative to the scene origin, by the shader's own steps.
-    pub fn window_z(&self, point_m: Vec3) -> f32 {
+    /// Window z at a distance along a ray of this frustum, by the shader's own steps.
+    pub fn window_z(&self, ray: &GpuRay, t_m: f32) -> f32 {
+        let [rise, growth] = [self.depth_row, self.clip_w].map(|row| Vec4::from(row).truncate().dot(ray.direction));
+        let w = ray.origin_clip_w;
+        self.z_base + (t_m * rise - self.depth_sign() * w) / (w + t_m * growth)
+    }
+
+    /// Window z of any point relative to the scene origin, by the shader's own steps.
+    pub fn window_z_of(&self, point_m: Vec3) -> f32 {
         let point = point_m.extend(1.0);
         self.z_base + Vec4::from(self.depth_row).dot(point) / Vec4::from(self.clip_w).dot(point)
     }
-}
-
-/// A plane relative to a new origin, in homogeneous form, scaled so that the largest entry at its top left corner is 1.
-/// Any positive scale is the same plane; this one keeps f32 far from its ends.
-fn relative(plane: &Plane, origin_m: DVec3) -> Plane {
-    let moved = plane.map(|v| (v.truncate() - origin_m * v.w).extend(v.w));
-    let largest = moved.at_00.abs().max_element().max(f64::MIN_POSITIVE);
-    moved.map(|v| v / largest)
 }
