@@ -2,12 +2,11 @@
 
 use glam::{DMat4, DVec2, DVec4, UVec2};
 
-/// A 4 × 4 matrix as configuration files have it: an array of rows.
-pub type Matrix4 = [[f64; 4]; 4];
+pub use lantern_config::Matrix4;
 
-/// A determinant this small beside Hadamard's bound (the product of the row lengths, once each column's largest entry is
-/// 1) leaves no digit of the inverse. A frustum whose far plane is a million times as far as its near one, a thousand
-/// kilometres from the world's origin, is still at 1e-6.
+/// A determinant this small beside Hadamard's bound (the product of the row lengths, columns scaled to a largest entry of
+/// one first) leaves no digit of the inverse. A frustum whose far plane is a million times as far as its near one, a
+/// thousand kilometres from the world's origin, is still at 1e-6.
 const SINGULAR_BELOW: f64 = 1e-13;
 
 /// Why a pair of matrices is no calibration.
@@ -105,6 +104,15 @@ impl Convention {
     }
 }
 
+impl From<lantern_config::Convention> for Convention {
+    fn from(convention: lantern_config::Convention) -> Self {
+        match convention {
+            lantern_config::Convention::OpenGl => Self::OpenGl,
+            lantern_config::Convention::Vulkan => Self::Vulkan,
+        }
+    }
+}
+
 /// One projector: clip-from-world, its convention and its pixels. Invertible and finite by construction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
@@ -115,6 +123,15 @@ pub struct Calibration {
 }
 
 impl Calibration {
+    /// From a projector of the configuration.
+    ///
+    /// # Errors
+    /// As [`Calibration::from_matrices`].
+    pub fn from_config(projector: &lantern_config::Projector) -> Result<Self, CalibrationError> {
+        let lantern_config::Calibration { convention, projection, view } = &projector.calibration;
+        Self::from_matrices(projection, view, (*convention).into(), projector.resolution_px.into())
+    }
+
     /// From projection (clip from view) and view (view from world), both as arrays of rows, and the size of the image.
     ///
     /// A matrix and its negative are the same projective map, and pose estimation yields either. Where the given sign

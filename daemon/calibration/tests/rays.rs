@@ -46,6 +46,7 @@ fn rows(m: DMat4) -> Matrix4 {
 /// An off-axis projection at a random place, half of them sheared, half keystoned by a homography of x, y and w (one that
 /// keeps w above 0 over the whole image), in both conventions, with standard, reversed and infinite depth, and some
 /// parallel ones.
+#[expect(clippy::unwrap_used, reason = "a test's helper: a matrix made to be invertible must be taken")]
 fn random_case(random: &mut Random) -> Case {
     let convention = if random.either() { Convention::OpenGl } else { Convention::Vulkan };
     let (reversed, infinite, parallel) = (random.either(), random.either(), random.between(0.0, 1.0) < 0.1);
