@@ -64,16 +64,14 @@ fn calibration(table: Table<'_>) -> Option<Calibration> {
 
     // A calibration by file is refused, but said to be wrong first where it is mixed with matrices.
     if let Some(file) = file {
-        let mixed = [table.get("projection"), table.get("view")].into_iter().flatten().next();
-        match mixed {
-            Some(matrix) => matrix.problem(
-                format!("`{}` stands beside `file`: a calibration has matrices or a file, not both", matrix.path),
-                "remove `file`, `format` and `entry`",
-            ),
-            None => file.problem(
-                "calibration files are not built yet",
-                "write convention, projection and view, as the commented default does",
-            ),
+        let matrices = [table.get("projection"), table.get("view")];
+        if let Some(matrix) = matrices.iter().flatten().next() {
+            let message =
+                format!("`{}` stands beside `{}`: a calibration has matrices or a file", file.path, matrix.path);
+            file.problem(message, "remove `file`, `format` and `entry`");
+        } else {
+            let hint = "write convention, projection and view, as the commented default does";
+            file.problem("calibration files are not built yet", hint);
         }
         table.get("convention").and_then(|value| value.choice(&conventions));
         table.finish();

@@ -48,6 +48,10 @@ fn environment(value: &Value<'_>) -> Option<Environment> {
 
 fn node(table: Table<'_>, taken: &mut HashSet<String>) -> Option<SceneNode> {
     let name = unique_name(&table, taken, "\"car\"");
+    if let Some(value) = table.get("name").filter(|_| name.as_ref().is_some_and(|name| name.contains('/'))) {
+        let hint = "leave it out: it parts a node's name from those of its materials and lights";
+        value.problem("a node's name holds a `/`", hint);
+    }
     let uri = table.required("uri", "\"car.glb\"").and_then(|value| value.name());
     let role = table.get("role").and_then(|value| value.choice(&ROLES));
     let translation_m = table.get("translation_m").and_then(|value| value.numbers());

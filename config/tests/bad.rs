@@ -1,0 +1,260 @@
+//! What must be refused, and how: place, cause and remedy, and everything at once.
+
+use lantern_config::{Config, Problem};
+use std::path::Path;
+
+const GOOD: &str = r#"
+[scene]
+[[scene.node]]
+name = "car"
+uri = "car.glb"
+[[body]]
+name = "head"
+drives = "viewer"
+[[tracker]]
+name = "t"
+protocol = "lantern"
+listen = "127.0.0.1:7000"
+bodies = { "1" = "head" }
+[[projector]]
+name = "left"
+resolution_px = [1280, 800]
+[projector.calibration]
+convention = "opengl"
+projection = [[1,0,0,0],[0,1.6,0,0],[0,0,-1.01,-0.2],[0,0,-1,0]]
+view = [[1,0,0,0],[0,1,0,-1],[0,0,1,-2],[0,0,0,1]]
+"#;
+
+fn problems(text: &str) -> Vec<Problem> {
+    match Config::parse(text, "lab.toml", Path::new("/base")) {
+        Ok(_) => panic!("accepted:\n{text}"),
+        Err(problems) => {
+            assert!(!problems.is_empty());
+            for problem in &problems {
+                assert!(!problem.hint.is_empty() && !problem.message.is_empty(), "{problem}");
+            }
+            problems
+        }
+    }
+}
+
+/// The one problem after `old` became `new`; it must say `says` and stand on the line of the change, or on `line`.
+#[track_caller]
+fn one(old: &str, new: &str, says: &str) -> Problem {
+    let Some(at) = GOOD.find(old) else { panic!("`{old}` is not there to change") };
+    let text = GOOD.replacen(old, new, 1);
+    let found = problems(&text);
+    let [problem] = found.as_slice() else { panic!("not one problem: {found:#?}") };
+    assert!(problem.to_string().contains(says), "`{problem}` does not say `{says}`");
+    // Not before the change, and not after its last line.
+    let (first, last) = (GOOD[..at].matches('\n').count() + 1, text[..at + new.len()].matches('\n').count() + 1);
+    assert!((first..=last).contains(&problem.line), "{problem}: line {first} to {last} was changed");
+    problem.clone()
+}
+
+#[test]
+fn the_text_that_the_others_change_is_good() {
+    Config::parse(GOOD, "lab.toml", Path::new("/base")).unwrap();
+}
+
+#[test]
+fn places_are_exact() {
+    let problem = one("drives = \"viewer\"", "drive = \"viewer\"", "did you mean `drives`?");
+    assert_eq!((problem.file.as_str(), problem.line, problem.column), ("lab.toml", 8, 1));
+    let problem = one("[1280, 800]", "[1280, 0]", "1 to 16384");
+    assert_eq!((problem.line, problem.column), (16, 24));
+    assert_eq!(
+        problem.to_string(),
+        "lab.toml:16:24: `projector.resolution_px` holds 0; hint: take a number that is whole, from 1 to 16384"
+    );
+    // Columns count characters, not bytes.
+    let problem = one(
+        "name = \"car\"\nuri = \"car.glb\"",
+        "name = \"é\"\nuri = \"é\" # ü\nrole = \"pro\"",
+        "did you mean \"prop\"?",
+    );
+    assert_eq!((problem.line, problem.column), (6, 8));
+}
+
+#[test]
+fn unknown_keys_name_the_nearest() {
+    one("[scene]", "[scene]\nenviroment = \"#000000\"", "did you mean `environment`?");
+    one("[scene]", "[render]\nsample = 4\n[scene]", "did you mean `samples`?");
+    one("[scene]", "[deamon]\n[scene]", "did you mean `daemon`?");
+    one("convention =", "conventoin = \"x\"\nconvention =", "did you mean `convention`?");
+    one("resolution_px", "outptu = 1\nresolution_px", "did you mean `output`?");
+    one("uri =", "translation = [0, 0, 0]\nuri =", "did you mean `translation_m`?");
+    one("[scene]", "[limits]\nmax_client = 3\n[scene]", "did you mean `max_clients`?");
+}
+
+#[test]
+fn missing_keys_are_named() {
+    // Where nothing stands there is no place to point at but the table that should have it.
+    let missing = |line: &str, says: &str, header: &str| {
+        let found = problems(&GOOD.replacen(line, "", 1));
+        assert_eq!(found.len(), 1, "{found:#?}");
+        assert!(found[0].message.contains(says), "{}", found[0]);
+        let at = GOOD.find(header).unwrap();
+        assert_eq!(found[0].line, GOOD[..at].matches('\n').count() + 1, "{}", found[0]);
+        found[0].hint.clone()
+    };
+    missing("uri = \"car.glb\"\n", "[scene.node] has no `uri`", "[[scene.node]]");
+    missing("protocol = \"lantern\"\n", "[tracker] has no `protocol`", "[[tracker]]");
+    missing("listen = \"127.0.0.1:7000\"\n", "has no `listen`", "[[tracker]]");
+    missing("bodies = { \"1\" = \"head\" }\n", "has no `bodies`", "[[tracker]]");
+    missing("resolution_px = [1280, 800]\n", "has no `resolution_px`", "[[projector]]");
+    missing("view = [[1,0,0,0],[0,1,0,-1],[0,0,1,-2],[0,0,0,1]]\n", "has no `view`", "[projector.calibration]");
+    let hint = missing("convention = \"opengl\"\n", "no `convention`", "[projector.calibration]");
+    assert!(hint.contains("\"opengl\"") && hint.contains("\"vulkan\""), "{hint}");
+    assert!(problems("")[0].message.contains("no projector"));
+}
+
+#[test]
+fn types_say_what_was_expected() {
+    one("\"car.glb\"", "3", "is an integer; hint: a string");
+    one("[1280, 800]", "\"1280x800\"", "is a string; hint: an array of 2 numbers");
+    one("[1280, 800]", "[1280]", "1 entries instead of 2");
+    one("[1280, 800]", "[1280, 800, 3]", "3 entries instead of 2");
+    one("[1280, 800]", "[1280.5, 800]", "whole");
+    one("[1280, 800]", "[1280, 16385]", "1 to 16384");
+    one("[1280, 800]", "[1280, -800]", "1 to 16384");
+    one("[scene]", "[render]\nblend = 1\n[scene]", "true or false");
+    one("[scene]", "render = 4\n[scene]", "a table is expected");
+    one("{ \"1\" = \"head\" }", "[\"head\"]", "a table is expected");
+    one("[[body]]\nname", "[body]\nname", "[[body]]");
+}
+
+#[test]
+fn names_must_resolve_and_be_unique() {
+    one("[[body]]", "[[scene.node]]\nname = \"car\"\nuri = \"b.glb\"\n[[body]]", "`car` is taken");
+    one("[[tracker]]", "[[body]]\nname = \"head\"\n[[tracker]]", "`head` is taken");
+    one("\"viewer\"", "\"node:cra\"", "no node `cra`; hint: there are `car`");
+    one("\"viewer\"", "\"camera\"", "nothing that a body can drive");
+    one("[[tracker]]", "[[body]]\nname = \"b\"\ndrives = \"viewer\"\n[[tracker]]", "several viewers are not built yet");
+    one("\"1\" = \"head\"", "\"1\" = \"haed\"", "no body `haed`; hint: there are `head`");
+    one("\"1\" = \"head\"", "\"one\" = \"head\"", "`one` is no id");
+    one("\"1\" = \"head\"", "\"65536\" = \"head\"", "0 to 65535");
+    one("name = \"left\"", "name = \"\"", "no usable name");
+    one("name = \"car\"", "name = \"car/door\"", "`/`");
+}
+
+#[test]
+fn numbers_must_be_in_range() {
+    let render = |line: &str| format!("[render]\n{line}\n[scene]");
+    one("[scene]", &render("samples = 5"), "take 4 or 9");
+    one("[scene]", &render("samples = 0"), "1 to 256");
+    one("[scene]", &render("samples = 99999999999999999999"), "1 to 256");
+    one("[scene]", &render("max_depth = -1"), "0 to 64");
+    one("[scene]", &render("raster = \"later\""), "did you mean \"after\"?");
+    one("uri =", "rotation = [0, 0, 0, 2]\nuri =", "norm 2");
+    one("uri =", "scale = [1, 0, 1]\nuri =", "not 0");
+    one("uri =", "translation_m = [0, nan, 1]\nuri =", "finite");
+    one("uri =", "translation_m = [0, 1e999, 1]\nuri =", "finite");
+    one("[scene]", "[scene]\nenvironment = \"#12345\"", "six hexadecimal digits");
+    one("[scene]", "[scene]\nenvironment = \"sky.jpg\"", ".hdr, .exr or .png");
+    let node = "[[scene.node]]";
+    one(node, "[[scene.material]]\nname = \"m\"\nmetallic = 1.5\n[[scene.node]]", "from 0 to 1");
+    one(node, "[[scene.material]]\nname = \"m\"\nior = 0.5\n[[scene.node]]", "at least 1");
+    one(node, "[[scene.material]]\nname = \"m\"\nbase_color = [1, 1]\n[[scene.node]]", "2 entries");
+    one(
+        node,
+        "[[scene.light]]\nname = \"l\"\nkind = \"spot\"\ndirection = [0, 1, 0]\n[[scene.node]]",
+        "has no `position_m`",
+    );
+    one(
+        node,
+        "[[scene.light]]\nname = \"l\"\nkind = \"directional\"\ndirection = [0, 0, 0]\n[[scene.node]]",
+        "is zero",
+    );
+    one(node, "[[scene.light]]\nname = \"l\"\nkind = \"sun\"\n[[scene.node]]", "there are \"directional\"");
+}
+
+#[test]
+fn matrices_must_be_whole() {
+    let view = "[[1,0,0,0],[0,1,0,-1],[0,0,1,-2],[0,0,0,1]]";
+    one(view, "[[1,0,0,0],[0,1,0,-1],[0,0,1,-2]]", "3 rows instead of 4");
+    one(view, "[[1,0,0,0],[0,1,0],[0,0,1,-2],[0,0,0,1]]", "3 entries instead of 4");
+    one(view, "[[1,0,0,0],[0,1,0,-1],[0,0,1,-2],[0,0,0,0]]", "singular");
+    one(view, "[[1,0,0,0],[0,1,0,-1],[2,3,0,-3],[0,0,0,1]]", "singular");
+    one(view, "[[1,0,0,0],[0,1,0,inf],[0,0,1,-2],[0,0,0,1]]", "finite");
+    one(view, "\"identity\"", "an array of 4 rows");
+    let tracker = |matrix: &str| format!("world_from_tracker = {matrix}\nlisten =");
+    one("listen =", &tracker("[[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"), "mirrors");
+    one("listen =", &tracker("[[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"), "stretches");
+    one("listen =", &tracker("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,1,1]]"), "bends");
+    // A steep but honest frustum seen from afar is no singular matrix.
+    let far = "projection = [[9,0,0,0],[0,9,0,0],[0,0,-1.000002,-0.002],[0,0,-1,0]]\n\
+               view = [[1,0,0,2000],[0,1,0,-900],[0,0,1,-2000],[0,0,0,1]]\n";
+    let start = GOOD.find("projection =").unwrap();
+    Config::parse(&format!("{}{far}", &GOOD[..start]), "lab.toml", Path::new("/base")).unwrap();
+}
+
+#[test]
+fn addresses_must_parse() {
+    for address in ["localhost:7000", "127.0.0.1", "127.0.0.1:70000", "::1:7000x", ""] {
+        one("127.0.0.1:7000", address, "no address to listen at");
+    }
+    one("listen =", "allow = [\"127.0.0.1:7000\"]\nlisten =", "no IP address");
+    let second =
+        "[[tracker]]\nname = \"u\"\nprotocol = \"lantern\"\nlisten = \"127.0.0.1:7000\"\nbodies = {}\n[[projector]]";
+    one("[[projector]]", second, "another tracker listens");
+}
+
+#[test]
+fn what_is_not_built_is_refused_in_words() {
+    for protocol in ["osc", "natnet", "freed", "psn", "opentrack", "dtrack"] {
+        let line = format!("protocol = \"{protocol}\"\npreset = \"vmc\"\nversion = 4\nup = \"z\"");
+        one("protocol = \"lantern\"", &line, "not built yet");
+    }
+    one("protocol = \"lantern\"", "protocol = \"vrpn\"", "there is no protocol");
+    one("listen =", "predict_ms = 12\nlisten =", "not built yet");
+    one("listen =", "preset = \"vmc\"\nlisten =", "belongs to protocol \"osc\"");
+    one("\"viewer\"", "\"projector:left\"", "not built yet");
+    one("resolution_px", "output = { kind = \"window\" }\nresolution_px", "not built yet");
+    one("resolution_px", "output = { kind = \"display\", connector = \"DP-1\" }\nresolution_px", "not built yet");
+    let start = GOOD.find("convention").unwrap();
+    let found = problems(&format!("{}file = \"left.yml\"\nformat = \"opencv\"\n", &GOOD[..start]));
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert!(found[0].message.contains("not built yet"), "{}", found[0]);
+    one("convention =", "file = \"left.yml\"\nconvention =", "matrices or a file");
+    one("convention =", "format = \"opencv\"\nconvention =", "without `file`");
+}
+
+#[test]
+fn all_problems_at_once_in_order() {
+    let text = GOOD
+        .replace("uri = \"car.glb\"", "url = \"car.glb\"")
+        .replace("\"viewer\"", "\"node:bus\"")
+        .replace("127.0.0.1:7000", "nowhere")
+        .replace("[1280, 800]", "[0, 0]")
+        .replace("\"opengl\"", "\"directx\"");
+    let found = problems(&text);
+    let lines: Vec<_> = found.iter().map(|problem| problem.line).collect();
+    assert!(lines.is_sorted(), "{found:#?}");
+    for says in ["no `uri`", "unknown key `url`", "no node `bus`", "`nowhere`", "holds 0", "directx"] {
+        assert!(found.iter().any(|problem| problem.message.contains(says)), "{says} in {found:#?}");
+    }
+    assert_eq!(found.len(), 7, "both sides of the resolution are named: {found:#?}");
+}
+
+#[test]
+fn texts_that_are_no_toml() {
+    let found = problems("[scene\nenvironment = \n[[projector]]\nname = \"left\nx = 1 2\n");
+    assert!(found.len() >= 3, "{found:#?}");
+    assert_eq!(found[0].line, 1);
+    one("name = \"head\"", "name = \"head\"\nname = \"hat\"", "duplicate key");
+    problems("\u{0}\u{1}");
+    problems(&"[".repeat(100_000));
+    problems(&"a.".repeat(100_000));
+}
+
+#[test]
+fn files_that_cannot_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let missing = Config::load(&folder.path().join("none.toml")).unwrap_err();
+    assert!(missing[0].to_string().contains("none.toml: cannot be read"), "{}", missing[0]);
+    assert!(Config::load(folder.path()).is_err());
+    let latin = folder.path().join("latin.toml");
+    std::fs::write(&latin, b"name = \"\xe9\"").unwrap();
+    assert!(Config::load(&latin).unwrap_err()[0].message.contains("UTF-8"));
+}

@@ -1,0 +1,228 @@
+//! What must be read: the demo, the examples, the contract's example, and every TOML block of the documents.
+
+use glam::{DMat4, DVec3, DVec4};
+use lantern_config::{
+    Config, Convention, DEMO_TOML, Drives, Environment, Limits, Output, Projector, RasterOrder, Role,
+};
+use std::path::{Path, PathBuf};
+
+fn parse(text: &str) -> Config {
+    match Config::parse(text, "test.toml", Path::new("/base")) {
+        Ok(config) => config,
+        Err(problems) => panic!("{}", problems.iter().map(|p| format!("{p}\n")).collect::<String>()),
+    }
+}
+
+/// The contract's example, to the letter but for its matrices and the car's node, which it draws as dots and comments.
+const CONTRACT: &str = r##"
+[daemon]
+socket      = "/run/lantern/lanternd.sock"
+state_dir   = "/var/lib/lantern"            # omit: nothing is kept
+asset_roots = ["/srv/sar"]                  # the only folders from which a client may have files read
+
+[device]
+select = "llvmpipe"                         # part of a name, a UUID, or an index; omit: the best there is
+
+[render]
+samples   = 4                               # jittered grid per pixel: 4, 9, 16, …; 1 = the pixel's centre, unjittered
+max_depth = 8                               # secondary rays deep
+raster    = "after"                         # or "before": when raster nodes are drawn
+blend     = true
+
+[scene]
+environment = "studio.hdr"                  # equirectangular .hdr, .exr or .png, or "#rrggbb"; what a miss sees
+[[scene.node]]
+name = "car"
+uri  = "car.glb"                            # relative to this file
+role = "prop"                               # "prop" | "virtual" | "raster" | "mask"
+translation_m = [0, 0, 0]
+rotation      = [0, 0, 0, 1]
+scale         = [1, 1, 1]
+
+[[body]]                                    # whatever a tracker can move
+name = "head"
+drives = "viewer"                           # or "node:car"
+position_m = [0, 1.7, 2.5]                  # until a tracker speaks
+offset_m   = [0, 0, 0]                      # from the tracked point to the eye, in the body's frame
+
+[[tracker]]
+name     = "optitrack"
+protocol = "lantern"                        # "lantern" | "osc" | "natnet" | "freed" | "psn" | "opentrack" | "dtrack"
+listen   = "127.0.0.1:7000"
+allow    = ["127.0.0.1"]                    # source addresses; default: loopback only
+bodies   = { "1" = "head" }                 # the tracker's id = our body
+world_from_tracker = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]
+predict_ms = 0                              # 0 = the tracker predicts already
+
+[[projector]]
+name          = "left"
+resolution_px = [1280, 800]
+output        = { kind = "headless", refresh_hz = 60 }   # | { kind = "window" } | { kind = "display", connector = "DP-1" }
+[projector.calibration]
+convention = "opengl"                       # "opengl" | "vulkan": clip space; required
+projection = [[1,0,0,0],[0,1.6,0,0],[0,0,-1.01,-0.2],[0,0,-1,0]]
+view       = [[1,0,0,0],[0,1,0,-1],[0,0,1,-2],[0,0,0,1]]
+"##;
+
+#[test]
+fn the_contracts_example() {
+    let config = parse(CONTRACT);
+    assert_eq!(config.daemon.socket.as_deref(), Some(Path::new("/run/lantern/lanternd.sock")));
+    assert_eq!(config.daemon.state_dir.as_deref(), Some(Path::new("/var/lib/lantern")));
+    assert_eq!(config.daemon.asset_roots, [PathBuf::from("/srv/sar")]);
+    assert_eq!(config.device.select.as_deref(), Some("llvmpipe"));
+    assert_eq!((config.render.samples, config.render.max_depth), (4, 8));
+    assert_eq!((config.render.raster, config.render.blend), (RasterOrder::After, true));
+    assert_eq!(config.scene.environment, Some(Environment::Uri("studio.hdr".into())));
+    let node = &config.scene.nodes[0];
+    assert_eq!((node.name.as_str(), node.uri.as_str(), node.role), ("car", "car.glb", Some(Role::Prop)));
+    assert_eq!(node.rotation, Some([0.0, 0.0, 0.0, 1.0]));
+    assert_eq!(config.viewer().unwrap().position_m, [0.0, 1.7, 2.5]);
+    let tracker = &config.trackers[0];
+    assert_eq!((tracker.name.as_str(), tracker.listen.to_string().as_str()), ("optitrack", "127.0.0.1:7000"));
+    assert_eq!(tracker.bodies.iter().collect::<Vec<_>>(), [(&1, &"head".to_owned())]);
+    let projector = &config.projectors[0];
+    assert_eq!(projector.resolution_px, [1280, 800]);
+    assert_eq!(projector.output, Output::Headless { refresh_hz: 60.0 });
+    assert_eq!(projector.calibration.convention, Convention::OpenGl);
+    assert_eq!(projector.calibration.view[1], [0.0, 1.0, 0.0, -1.0]);
+    assert_eq!(config.limits, Limits::default());
+}
+
+#[test]
+fn what_is_left_out_has_its_default() {
+    let start = CONTRACT.find("[[projector]]").unwrap();
+    let config = parse(&CONTRACT[start..]);
+    assert_eq!(config.render, lantern_config::Render::default());
+    assert_eq!((config.daemon.socket, config.device.select), (None, None));
+    assert!(config.bodies.is_empty() && config.trackers.is_empty() && config.scene.nodes.is_empty());
+
+    let tracker = "[[body]]\nname = \"a\"\n[[tracker]]\nname = \"t\"\nprotocol = \"lantern\"\nlisten = \"[::1]:7000\"\n\
+                   bodies = { \"65535\" = \"a\" }\n";
+    let config = parse(&format!("{tracker}{}", &CONTRACT[start..]));
+    assert!(config.trackers[0].allow.iter().all(|address| address.is_loopback()));
+    assert_eq!(config.bodies[0].drives, None);
+}
+
+#[test]
+fn relative_paths_start_from_the_files_folder() {
+    let start = CONTRACT.find("[[projector]]").unwrap();
+    let config = parse(&format!("[daemon]\nstate_dir = \"state\"\nasset_roots = [\"../a\"]\n{}", &CONTRACT[start..]));
+    assert_eq!(config.daemon.state_dir.as_deref(), Some(Path::new("/base/state")));
+    assert_eq!(config.daemon.asset_roots, [PathBuf::from("/base/../a")]);
+    assert_eq!(config.base_dir, Path::new("/base"));
+}
+
+#[test]
+fn a_device_may_be_a_bare_index() {
+    let start = CONTRACT.find("[[projector]]").unwrap();
+    let config = parse(&format!("[device]\nselect = 1\n{}", &CONTRACT[start..]));
+    assert_eq!(config.device.select.as_deref(), Some("1"));
+}
+
+fn clip_from_world(projector: &Projector) -> DMat4 {
+    let rows = |rows| DMat4::from_cols_array_2d(&rows).transpose();
+    rows(projector.calibration.projection) * rows(projector.calibration.view)
+}
+
+/// Where a point of the world is in the image, each side from −1 to 1, with +1 to the right and on top.
+fn image_from_world(projector: &Projector, point_m: DVec3) -> Option<[f64; 2]> {
+    let clip: DVec4 = clip_from_world(projector) * point_m.extend(1.0);
+    let up = if projector.calibration.convention == Convention::OpenGl { 1.0 } else { -1.0 };
+    (clip.w > 0.0).then(|| [clip.x / clip.w, up * clip.y / clip.w])
+}
+
+#[test]
+fn the_demos_projectors_look_at_the_same_scene() {
+    let config = parse(DEMO_TOML);
+    assert_eq!(config.limits, Limits::default(), "the demo says that it shows the defaults");
+    assert_eq!(config.render, lantern_config::Render::default());
+    assert_eq!(config.viewer().unwrap().drives, Some(Drives::Viewer));
+    let names: Vec<_> = config.projectors.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(names, ["left", "right"]);
+    assert_ne!(config.projectors[0].calibration.convention, config.projectors[1].calibration.convention);
+
+    for projector in &config.projectors {
+        // The middle of the picture is the middle of the scene, and what is higher in the world is higher in it.
+        let [x, y] = image_from_world(projector, DVec3::new(0.0, 0.2, 0.0)).unwrap();
+        assert!(x.abs() < 1e-6 && y.abs() < 1e-6, "{}: {x} {y}", projector.name);
+        assert!(image_from_world(projector, DVec3::new(0.0, 0.3, 0.0)).unwrap()[1] > 0.01);
+        assert!(image_from_world(projector, DVec3::new(0.1, 0.2, 0.0)).unwrap()[0] > 0.01);
+        // Both reach every thing on the table, so their light overlaps there.
+        for node in config.scene.nodes.iter().filter(|node| node.name != "floor") {
+            let place = DVec3::from_array(node.translation_m.unwrap());
+            let [x, y] = image_from_world(projector, place).unwrap();
+            assert!(x.abs() < 0.8 && y.abs() < 0.8, "{} sees {} at {x} {y}", projector.name, node.name);
+        }
+        // Depth grows away from the projector, between the limits of its convention.
+        let near = if projector.calibration.convention == Convention::OpenGl { -1.0 } else { 0.0 };
+        let clip = clip_from_world(projector) * DVec4::new(0.0, 0.2, 0.0, 1.0);
+        assert!((near..1.0).contains(&(clip.z / clip.w)));
+    }
+    let [left, right] = [0, 1].map(|i| clip_from_world(&config.projectors[i]).inverse());
+    for (world_from_clip, x) in [(left, -1.1), (right, 1.1)] {
+        // The centre of projection is where clip x, y and w vanish.
+        let eye = world_from_clip * DVec4::new(0.0, 0.0, -1.0, 0.0);
+        let eye = eye.truncate() / eye.w;
+        assert!((eye - DVec3::new(x, 1.5, 1.5)).length() < 1e-4, "{eye}");
+    }
+}
+
+#[test]
+fn every_example_is_read_from_its_file() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
+    let mut count = 0;
+    for entry in std::fs::read_dir(&folder).unwrap() {
+        let path = entry.unwrap().path();
+        if let Err(problems) = Config::load(&path) {
+            panic!("{}", problems.iter().map(|p| format!("{p}\n")).collect::<String>());
+        }
+        count += 1;
+    }
+    assert!(count >= 2);
+}
+
+#[test]
+fn every_toml_block_of_the_documents() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let markdown = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        entries.filter(|path| path.extension().is_some_and(|e| e == "md")).collect::<Vec<_>>()
+    };
+    let mut blocks = 0;
+    for path in markdown(root).into_iter().chain(markdown(&root.join("config"))) {
+        let text = std::fs::read_to_string(&path).unwrap();
+        for block in text.split("```toml\n").skip(1) {
+            let block = block.split("```").next().unwrap();
+            // A fragment becomes a whole with a projector, the one thing that no configuration is without.
+            let start = CONTRACT.find("[[projector]]").unwrap();
+            let rest = if block.contains("[[projector]]") { "" } else { &CONTRACT[start..] };
+            if let Err(problems) = Config::parse(&format!("{block}\n{rest}"), "block", root) {
+                panic!("{}: {problems:#?} in\n{block}", path.display());
+            }
+            blocks += 1;
+        }
+    }
+    assert!(blocks >= 1);
+}
+
+#[test]
+fn fingerprints_tell_scenes_apart_and_nothing_else() {
+    let a = parse(DEMO_TOML).scene;
+    assert_eq!(a.fingerprint(), parse(DEMO_TOML).scene.fingerprint());
+    assert_eq!(a.fingerprint().len(), 64);
+    // Comments, spelling and other sections are not the scene.
+    let respelled = DEMO_TOML.replace("metallic   = 1.0", "metallic = 1").replace("max_depth = 8", "max_depth = 3");
+    assert_ne!(respelled, DEMO_TOML);
+    assert_eq!(parse(&respelled).scene.fingerprint(), a.fingerprint());
+    for change in [("ior          = 1.5", "ior = 1.6"), ("name = \"floor\"", "name = \"ground\"")] {
+        let changed = DEMO_TOML.replace(change.0, change.1);
+        assert_ne!(changed, DEMO_TOML);
+        assert_ne!(parse(&changed).scene.fingerprint(), a.fingerprint());
+    }
+    // Kept beside stored states, so it may not change between releases without notice.
+    assert_eq!(
+        lantern_config::Scene::default().fingerprint(),
+        "08b01e9ea9271d35cbad8529daa830ccbcc50b4c7893ec6b329211161e16db11"
+    );
+}
