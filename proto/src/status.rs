@@ -72,15 +72,15 @@ pub struct BodyStatus {
 pub struct TrackerStatus {
     /// As in the configuration.
     pub protocol: String,
-    /// Packets that moved a body.
+    /// Packets that were taken, whether or not they moved a body.
     pub accepted: u64,
-    /// Packets that were dropped as bad, from a stranger, or for an unknown body.
+    /// Packets that were dropped: bad ones, from a stranger, for an unknown body, or older than the last.
     pub rejected: u64,
     /// Why the last one was.
     pub last_reject: Option<String>,
     /// Accepted packets a second, over the last second.
     pub rate_hz: f64,
-    /// Good packets that were dropped because a newer one came before.
+    /// Those of them that were good, but not newer than the last.
     #[serde(default)]
     pub dropped_old: u64,
     /// Where it listens.

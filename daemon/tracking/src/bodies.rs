@@ -1,0 +1,297 @@
+//! The bodies and their latest poses, shared by those who hear and those who render.
+
+use crate::pose::{BodyPose, MAX_DISTANCE_M, NORM_TOLERANCE, Update};
+use glam::{DQuat, DVec3};
+use lantern_config::{Body, Drives};
+use lantern_proto::status::BodyStatus;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// The source of a pose that nobody has said yet.
+const SOURCE_CONFIG: &str = "config";
+
+/// Called after a body has changed, on the thread that changed it; it must not wait for anything.
+type Waker = Arc<dyn Fn() + Send + Sync>;
+
+/// A pose that was refused; nothing has changed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PoseError {
+    /// No such body.
+    #[error("there is no body `{body}`; hint: {}", hint(.known))]
+    UnknownBody {
+        /// What was asked for.
+        body: String,
+        /// The bodies there are.
+        known: Vec<String>,
+    },
+    /// A position that is no place.
+    #[error("position {position_m} is not finite or beyond {MAX_DISTANCE_M:e} m; hint: give metres in the world frame")]
+    Position {
+        /// What was given.
+        position_m: DVec3,
+    },
+    /// An orientation that is no rotation.
+    #[error("orientation has norm {norm}; hint: give a unit quaternion x, y, z, w")]
+    Orientation {
+        /// What was given.
+        norm: f64,
+    },
+}
+
+fn hint(known: &[String]) -> String {
+    match known {
+        [] => "add it to the configuration as a [[body]]".to_owned(),
+        _ => format!("there are {}", known.join(", ")),
+    }
+}
+
+struct Entry {
+    drives: Option<Drives>,
+    pose: BodyPose,
+}
+
+/// All bodies of the configuration, by name.
+pub struct Bodies {
+    entries: Mutex<BTreeMap<String, Entry>>,
+    generation: AtomicU64,
+    waker: Mutex<Option<Waker>>,
+}
+
+impl fmt::Debug for Bodies {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Bodies").field("generation", &self.generation()).finish_non_exhaustive()
+    }
+}
+
+impl Bodies {
+    /// Each body where the configuration has it.
+    pub fn new(bodies: &[Body]) -> Self {
+        let this = Self { entries: Mutex::default(), generation: AtomicU64::new(0), waker: Mutex::default() };
+        this.configure(bodies);
+        this
+    }
+
+    /// Takes another configuration over: bodies that it does not have go, those that are new stand where it says, and
+    /// those that a source has placed already stay there.
+    pub fn configure(&self, bodies: &[Body]) {
+        let now = Instant::now();
+        let mut entries = self.lock();
+        let mut old = std::mem::take(&mut *entries);
+        *entries = bodies.iter().map(|body| (body.name.clone(), entry(body, old.remove(&body.name), now))).collect();
+        drop(entries);
+        self.changed();
+    }
+
+    /// Calls `waker` after every change from now on, instead of the one before.
+    pub fn set_waker(&self, waker: Waker) {
+        *self.waker.lock().unwrap_or_else(PoisonError::into_inner) = Some(waker);
+    }
+
+    /// Grows with each change of any pose; equal numbers mean equal poses.
+    pub fn generation(&self) -> u64 {
+        self.generation.load(Ordering::Acquire)
+    }
+
+    /// A body's latest pose.
+    pub fn get(&self, body: &str) -> Option<BodyPose> {
+        self.lock().get(body).map(|entry| entry.pose.clone())
+    }
+
+    /// What each body drives and its latest pose, all of the same moment, in the order of their names.
+    pub fn driven(&self) -> Vec<(Drives, BodyPose)> {
+        let driven = |entry: &Entry| Some((entry.drives.clone()?, entry.pose.clone()));
+        self.lock().values().filter_map(driven).collect()
+    }
+
+    /// The viewer's eye in the world, m; `None` where no body drives it.
+    pub fn eye_m(&self) -> Option<DVec3> {
+        self.lock().values().find(|entry| entry.drives == Some(Drives::Viewer)).map(|entry| entry.pose.driven_m())
+    }
+
+    /// Places a body, as if a tracker had said it. `orientation` is world from body; without it, it stays.
+    ///
+    /// # Errors
+    /// [`PoseError`]: an unknown body, a position that is not finite or beyond 10⁸ m, an orientation whose norm is off by
+    /// more than 1 %.
+    pub fn set_pose(
+        &self,
+        body: &str,
+        position_m: DVec3,
+        orientation: Option<DQuat>,
+        source: &str,
+    ) -> Result<(), PoseError> {
+        if !is_place(position_m) {
+            return Err(PoseError::Position { position_m });
+        }
+        if let Some(norm) = orientation.map(DQuat::length)
+            && (!norm.is_finite() || (norm - 1.0).abs() > NORM_TOLERANCE)
+        {
+            return Err(PoseError::Orientation { norm });
+        }
+        let orientation = orientation.map(DQuat::normalize);
+        let update = Update { position_m: Some(position_m), orientation, ..Update::default() };
+        if self.apply(body, &update, &Arc::from(source), Instant::now()) {
+            return Ok(());
+        }
+        Err(PoseError::UnknownBody { body: body.to_owned(), known: self.lock().keys().cloned().collect() })
+    }
+
+    /// Takes what a source says; false if there is no such body. The values have been checked.
+    pub(crate) fn apply(&self, body: &str, update: &Update, source: &Arc<str>, received: Instant) -> bool {
+        let mut entries = self.lock();
+        let Some(entry) = entries.get_mut(body) else { return false };
+        let pose = &mut entry.pose;
+        let before = (pose.position_m, pose.orientation, pose.velocity_m_s);
+        pose.position_m = update.position_m.unwrap_or(pose.position_m);
+        pose.orientation = update.orientation.unwrap_or(pose.orientation);
+        pose.velocity_m_s = update.velocity_m_s.or(pose.velocity_m_s);
+        pose.source = source.clone();
+        pose.received = received;
+        pose.sequence = update.sequence;
+        pose.measured_ns = update.measured_ns;
+        let same = before == (pose.position_m, pose.orientation, pose.velocity_m_s);
+        drop(entries);
+
+        // A tracker that says the same again, of a body at rest, wakes nobody: nothing has to be rendered anew.
+        if !same {
+            self.changed();
+        }
+        true
+    }
+
+    /// For `status`.
+    pub fn status(&self) -> BTreeMap<String, BodyStatus> {
+        let now = Instant::now();
+        let status = |pose: &BodyPose| BodyStatus {
+            position_m: pose.position_m.to_array(),
+            orientation: pose.orientation.to_array(),
+            source: pose.source.to_string(),
+            age_ms: now.saturating_duration_since(pose.received).as_secs_f64() * 1e3,
+        };
+        self.lock().iter().map(|(name, entry)| (name.clone(), status(&entry.pose))).collect()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Entry>> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn changed(&self) {
+        self.generation.fetch_add(1, Ordering::AcqRel);
+        let waker = self.waker.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        if let Some(waker) = waker {
+            waker();
+        }
+    }
+}
+
+/// Finite, and within what single precision can hold a room at.
+pub(crate) fn is_place(position_m: DVec3) -> bool {
+    position_m.to_array().iter().all(|x| x.abs() <= MAX_DISTANCE_M)
+}
+
+fn entry(body: &Body, old: Option<Entry>, now: Instant) -> Entry {
+    let offset_m = DVec3::from_array(body.offset_m);
+    let placed = old.map(|old| old.pose).filter(|pose| &*pose.source != SOURCE_CONFIG);
+    let pose = placed.map(|pose| BodyPose { offset_m, ..pose }).unwrap_or_else(|| BodyPose {
+        position_m: DVec3::from_array(body.position_m),
+        orientation: DQuat::IDENTITY,
+        velocity_m_s: None,
+        offset_m,
+        source: Arc::from(SOURCE_CONFIG),
+        received: now,
+        sequence: None,
+        measured_ns: None,
+    });
+    Entry { drives: body.drives.clone(), pose }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::FRAC_1_SQRT_2;
+    use std::sync::atomic::AtomicUsize;
+
+    fn body(name: &str, drives: Option<Drives>) -> Body {
+        Body { name: name.into(), drives, position_m: [0.0, 1.7, 2.5], offset_m: [0.0, 0.0, -0.1] }
+    }
+
+    fn two() -> Bodies {
+        Bodies::new(&[body("head", Some(Drives::Viewer)), body("car", Some(Drives::Node("car".into())))])
+    }
+
+    #[test]
+    fn stands_where_the_configuration_says_until_anyone_speaks() {
+        let bodies = two();
+        let head = bodies.get("head").unwrap();
+        assert_eq!((&*head.source, head.position_m), ("config", DVec3::new(0.0, 1.7, 2.5)));
+        assert_eq!(bodies.eye_m(), Some(DVec3::new(0.0, 1.7, 2.4)));
+        assert_eq!(bodies.get("hat"), None);
+        assert_eq!(Bodies::new(&[body("car", None)]).eye_m(), None);
+        let driven: Vec<_> = bodies.driven().into_iter().map(|(drives, _)| drives).collect();
+        assert_eq!(driven, [Drives::Node("car".into()), Drives::Viewer]);
+    }
+
+    #[test]
+    fn the_offset_turns_with_the_body() {
+        let bodies = two();
+        // A quarter turn to the left about +Y: what was ahead (-Z) is now at -X.
+        let left = DQuat::from_xyzw(0.0, FRAC_1_SQRT_2, 0.0, FRAC_1_SQRT_2);
+        bodies.set_pose("head", DVec3::ZERO, Some(left), "socket").unwrap();
+        assert!((bodies.eye_m().unwrap() - DVec3::new(-0.1, 0.0, 0.0)).length() < 1e-12);
+        assert_eq!(&*bodies.get("head").unwrap().source, "socket");
+        // Without an orientation it stays as it was.
+        bodies.set_pose("head", DVec3::Y, None, "socket").unwrap();
+        assert!((bodies.eye_m().unwrap() - DVec3::new(-0.1, 1.0, 0.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn changes_wake_and_repetitions_do_not() {
+        let bodies = two();
+        let woken = Arc::new(AtomicUsize::new(0));
+        let count = woken.clone();
+        bodies.set_waker(Arc::new(move || {
+            count.fetch_add(1, Ordering::SeqCst);
+        }));
+        let start = bodies.generation();
+        bodies.set_pose("head", DVec3::X, None, "socket").unwrap();
+        bodies.set_pose("head", DVec3::X, None, "socket").unwrap();
+        assert_eq!((woken.load(Ordering::SeqCst), bodies.generation()), (1, start + 1));
+        bodies.set_pose("car", DVec3::X, None, "socket").unwrap();
+        assert_eq!((woken.load(Ordering::SeqCst), bodies.generation()), (2, start + 2));
+    }
+
+    #[test]
+    fn what_is_no_pose_is_refused_and_changes_nothing() {
+        let bodies = two();
+        let (before, generation) = (bodies.get("head"), bodies.generation());
+        let place = |x| bodies.set_pose("head", DVec3::new(x, 0.0, 0.0), None, "socket");
+        for x in [f64::NAN, f64::INFINITY, 1e9, -1e300] {
+            assert!(matches!(place(x), Err(PoseError::Position { .. })), "{x}");
+        }
+        for w in [f64::NAN, f64::INFINITY, 0.0, 1.02] {
+            let turned = bodies.set_pose("head", DVec3::ZERO, Some(DQuat::from_xyzw(0.0, 0.0, 0.0, w)), "socket");
+            assert!(matches!(turned, Err(PoseError::Orientation { .. })), "{w}");
+        }
+        let unknown = bodies.set_pose("hat", DVec3::ZERO, None, "socket").unwrap_err();
+        assert_eq!(unknown.to_string(), "there is no body `hat`; hint: there are car, head");
+        assert_eq!((bodies.get("head"), bodies.generation()), (before, generation));
+    }
+
+    #[test]
+    fn another_configuration_keeps_what_sources_said() {
+        let bodies = two();
+        bodies.set_pose("head", DVec3::X, None, "socket").unwrap();
+        let moved = Body { offset_m: [0.0; 3], position_m: [9.0; 3], ..body("head", Some(Drives::Viewer)) };
+        bodies.configure(&[moved, body("hand", None)]);
+        assert_eq!(bodies.eye_m(), Some(DVec3::X));
+        assert_eq!(bodies.get("car"), None);
+        assert_eq!(bodies.get("hand").unwrap().position_m, DVec3::new(0.0, 1.7, 2.5));
+        // A body that nobody has placed follows the configuration.
+        let hand = Body { position_m: [1.0; 3], ..body("hand", None) };
+        bodies.configure(&[hand]);
+        assert_eq!(bodies.get("hand").unwrap().position_m, DVec3::ONE);
+    }
+}

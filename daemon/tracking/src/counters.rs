@@ -1,0 +1,117 @@
+//! What `status` says of a tracker.
+
+use lantern_proto::status::TrackerStatus;
+use std::time::{Duration, Instant};
+
+/// The rate is counted over this many slots, one second together.
+const SLOTS: usize = 10;
+const SLOT: Duration = Duration::from_millis(100);
+
+/// Counts of one tracker; a fixed size, however much comes.
+#[derive(Debug)]
+pub(crate) struct Counters {
+    accepted: u64,
+    rejected: u64,
+    dropped_old: u64,
+    last_reject: Option<String>,
+    rate: Rate,
+}
+
+impl Counters {
+    pub(crate) fn new(now: Instant) -> Self {
+        Self { accepted: 0, rejected: 0, dropped_old: 0, last_reject: None, rate: Rate::new(now) }
+    }
+
+    pub(crate) fn accept(&mut self, now: Instant) {
+        self.accepted += 1;
+        self.rate.count(now);
+    }
+
+    pub(crate) fn reject(&mut self, reason: String) {
+        self.rejected += 1;
+        self.last_reject = Some(reason);
+    }
+
+    /// One that was good but came too late; it counts as rejected as well.
+    pub(crate) fn drop_old(&mut self, reason: String) {
+        self.dropped_old += 1;
+        self.reject(reason);
+    }
+
+    pub(crate) fn status(&mut self, protocol: &str, listen: String, now: Instant) -> TrackerStatus {
+        TrackerStatus {
+            protocol: protocol.to_owned(),
+            accepted: self.accepted,
+            rejected: self.rejected,
+            last_reject: self.last_reject.clone(),
+            rate_hz: self.rate.per_second(now),
+            dropped_old: self.dropped_old,
+            listen,
+        }
+    }
+}
+
+/// Events of the last second, in slots of a tenth.
+#[derive(Debug)]
+struct Rate {
+    start: Instant,
+    slots: [u32; SLOTS],
+    /// Number of the slot that is counted into, since the start.
+    current: u128,
+}
+
+impl Rate {
+    fn new(start: Instant) -> Self {
+        Self { start, slots: [0; SLOTS], current: 0 }
+    }
+
+    fn count(&mut self, now: Instant) {
+        let slot = self.advance(now);
+        self.slots[slot] = self.slots[slot].saturating_add(1);
+    }
+
+    /// The last full second; less than that has passed since the start, and it is too low by what is missing.
+    fn per_second(&mut self, now: Instant) -> f64 {
+        self.advance(now);
+        self.slots.iter().map(|&count| f64::from(count)).sum()
+    }
+
+    /// Empties the slots that time has passed over, and gives the one of now.
+    fn advance(&mut self, now: Instant) -> usize {
+        let number = now.saturating_duration_since(self.start).as_nanos() / SLOT.as_nanos();
+        let passed = number.saturating_sub(self.current).min(SLOTS as u128);
+        for back in 0..passed {
+            self.slots[index(number - back)] = 0;
+        }
+        self.current = self.current.max(number);
+        index(self.current)
+    }
+}
+
+fn index(number: u128) -> usize {
+    // Less than SLOTS, so it fits.
+    (number % SLOTS as u128) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rate_is_that_of_the_last_second() {
+        let start = Instant::now();
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        let mut rate = Rate::new(start);
+        // 120 Hz for three seconds.
+        for packet in 0..360 {
+            rate.count(start + Duration::from_nanos(packet * 1_000_000_000 / 120));
+        }
+        assert!((rate.per_second(at(2999)) - 120.0).abs() <= 1.0);
+        // Half of the window is silent after half a second, all of it after one.
+        assert!((rate.per_second(at(3499)) - 60.0).abs() <= 1.0);
+        assert_eq!(rate.per_second(at(4000)), 0.0);
+        rate.count(at(60_000));
+        assert_eq!(rate.per_second(at(60_050)), 1.0);
+        assert_eq!(rate.per_second(at(61_100)), 0.0);
+    }
+}

@@ -1,0 +1,53 @@
+//! The pose of a body, and what makes one acceptable.
+
+use glam::{DQuat, DVec3};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// The farthest from the world's origin that anything is believed to be, along each axis, m: beyond it single precision
+/// keeps nothing of a room.
+pub(crate) const MAX_DISTANCE_M: f64 = 1e8;
+
+/// How far a quaternion's norm may be from 1.
+pub(crate) const NORM_TOLERANCE: f64 = 0.01;
+
+/// Where a body is, as last said by anyone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BodyPose {
+    /// The tracked point in the world, m.
+    pub position_m: DVec3,
+    /// World from body; its norm is 1.
+    pub orientation: DQuat,
+    /// In the world, m/s; `None` until a source says it.
+    pub velocity_m_s: Option<DVec3>,
+    /// From the tracked point to what the body drives, in the body's frame, m.
+    pub offset_m: DVec3,
+    /// The tracker's name, `socket`, or `config` until anyone speaks.
+    pub source: Arc<str>,
+    /// When it was heard.
+    pub received: Instant,
+    /// The packet's number, where the source numbers its packets.
+    pub sequence: Option<u32>,
+    /// When it was measured, ns on the source's own clock, where the source says.
+    pub measured_ns: Option<u64>,
+}
+
+impl BodyPose {
+    /// What the body drives, the viewer's eye or a node's origin, in the world, m.
+    pub fn driven_m(&self) -> DVec3 {
+        self.position_m + self.orientation * self.offset_m
+    }
+}
+
+/// What a source says of a body, in the world's frame; what it does not say stays as it was.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Update {
+    /// m.
+    pub(crate) position_m: Option<DVec3>,
+    /// World from body; its norm is 1.
+    pub(crate) orientation: Option<DQuat>,
+    /// m/s.
+    pub(crate) velocity_m_s: Option<DVec3>,
+    pub(crate) sequence: Option<u32>,
+    pub(crate) measured_ns: Option<u64>,
+}
