@@ -1,1 +1,42 @@
 //! The scene: glTF, materials, instances, edits and acceleration structures.
+//!
+//! An [`Editor`] turns edits into revisions, each an immutable [`Scene`] whose sections are bytes that the GPU reads
+//! ([`pack`]). [`changes`] tells two revisions apart. No Vulkan here.
+
+pub mod asset;
+pub mod builtin;
+pub mod bvh;
+mod compose;
+mod configured;
+mod edit;
+mod editor;
+pub mod environment;
+mod file;
+pub mod gltf;
+mod irradiance;
+mod library;
+mod light;
+mod limits;
+mod material;
+mod mesh;
+pub mod pack;
+mod raycast;
+mod revision;
+mod scene;
+mod studio;
+mod teapot;
+mod teapot_data;
+mod texture;
+
+pub use compose::octahedral;
+pub use edit::EditError;
+pub use editor::{Editor, SceneProblem};
+pub use file::ReadError;
+pub use lantern_proto::{Edit, Role};
+pub use limits::Limits;
+pub use material::{Material, absorption_per_m};
+pub use mesh::{MAX_COORDINATE_M, Mesh, MeshData};
+pub use raycast::{Hit, PRIMARY_ROLES, SECONDARY_ROLES, role_bit};
+pub use revision::{Changes, changes};
+pub use scene::{Instance, Node, Scene, WorldMesh};
+pub use texture::{Image, Texture, Wrap};

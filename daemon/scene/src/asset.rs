@@ -1,0 +1,87 @@
+//! What a file or a builtin holds, loaded once and shared by every node that shows it.
+
+use std::sync::Arc;
+
+use glam::DAffine3;
+use lantern_proto::{LightKind, Role};
+
+use crate::material::Material;
+use crate::mesh::Mesh;
+use crate::texture::Texture;
+
+/// A loaded file or builtin, in its own frame: metres, +Y up.
+#[derive(Clone, Debug, Default)]
+pub struct Asset {
+    /// Each with its bottom-level structure.
+    pub meshes: Vec<Arc<Mesh>>,
+    /// The placed meshes, in the file's order.
+    pub parts: Vec<Part>,
+    /// What the meshes' material numbers index; texture numbers are this asset's.
+    pub materials: Vec<Material>,
+    /// What the materials' texture numbers index.
+    pub textures: Vec<Texture>,
+    /// The placed lights, each under a name of its own.
+    pub lights: Vec<AssetLight>,
+    /// What the file holds and Lantern ignores, in words.
+    pub warnings: Vec<String>,
+}
+
+/// One placed mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Index into [`Asset::meshes`].
+    pub mesh: usize,
+    /// From the mesh's frame to the asset's; invertible, may mirror.
+    pub asset_from_object: DAffine3,
+    /// What the file says of the part's role; it wins over the node's.
+    pub role: Option<Role>,
+}
+
+/// A light of KHR_lights_punctual, placed by a glTF node; it shines along its frame's −Z.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AssetLight {
+    /// Unique in the asset.
+    pub name: String,
+    /// From the light's frame to the asset's.
+    pub asset_from_light: DAffine3,
+    /// How it shines.
+    pub kind: LightKind,
+    /// Linear RGB.
+    pub color: [f64; 3],
+    /// Lux (directional) or candela.
+    pub intensity: f64,
+    /// Metres; 0 = infinite.
+    pub range_m: f64,
+    /// Where a spot's fall begins and ends, from its axis, rad.
+    pub cones_rad: [f64; 2],
+}
+
+impl Asset {
+    /// One mesh at the origin.
+    pub(crate) fn single(mesh: Mesh, materials: Vec<Material>) -> Self {
+        Self {
+            meshes: vec![Arc::new(mesh)],
+            parts: vec![Part { mesh: 0, asset_from_object: DAffine3::IDENTITY, role: None }],
+            materials,
+            ..Self::default()
+        }
+    }
+
+    /// Triangles of all meshes, each mesh counted once.
+    pub fn triangle_count(&self) -> usize {
+        self.meshes.iter().map(|mesh| mesh.indices.len()).sum()
+    }
+
+    /// Texels of all images, each counted once.
+    pub fn texel_count(&self) -> usize {
+        let mut seen: Vec<*const crate::texture::Image> = vec![];
+        let mut texels = 0;
+        for texture in &self.textures {
+            if !seen.contains(&Arc::as_ptr(&texture.image)) {
+                seen.push(Arc::as_ptr(&texture.image));
+                texels += texture.image.texels.len();
+            }
+        }
+        texels
+    }
+}

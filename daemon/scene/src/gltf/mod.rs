@@ -1,0 +1,109 @@
+//! Reads .gltf and .glb (glTF 2.0) into an [`Asset`].
+//!
+//! The JSON is parsed by the crate `gltf`, whose own readers trust the file: they index, unwrap and add without looking.
+//! So only its types are used here, and every index, offset, count and value is checked by this module before it is
+//! followed. Nothing is allocated before the bound that it falls under was checked.
+
+mod accessor;
+mod container;
+mod error;
+mod images;
+mod lights;
+mod materials;
+mod nodes;
+mod primitive;
+mod source;
+mod warnings;
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::asset::{Asset, Part};
+use crate::file::{self, Access};
+use crate::limits::Limits;
+use crate::mesh::{Mesh, MeshData};
+
+use accessor::Reader;
+pub use error::{GltfError, Problem};
+use error::{Located, here};
+use images::Images;
+use materials::Materials;
+use source::Sources;
+use warnings::Warnings;
+
+/// Loads a file with the buffers and images that it names.
+///
+/// # Errors
+/// Says the file, the object in it ("mesh 2 primitive 0", "accessor 3"), the cause and, after `hint:`, the remedy.
+pub(crate) fn load(path: &Path, access: Access<'_>, limits: &Limits) -> Result<Asset, GltfError> {
+    load_located(path, access, limits).map_err(|located| located.in_file(path))
+}
+
+fn load_located(path: &Path, access: Access<'_>, limits: &Limits) -> Result<Asset, Located> {
+    let bytes = file::read(path, limits.max_file_bytes).map_err(|error| here("file", Problem::Read(error)))?;
+    let parts = container::split(&bytes)?;
+    let root = container::parse(parts.json)?;
+    let mut warnings = Warnings::default();
+    container::check_extensions(&root, &mut warnings)?;
+
+    let mut sources = Sources::new(path, access, limits, bytes.len() as u64);
+    let buffers = sources.buffers(&root, parts.bin)?;
+    let reader = Reader { root: &root, buffers: &buffers, limits };
+    let visits = nodes::walk(&root, limits, &mut warnings)?;
+
+    // Meshes that no node shows are not built; one that several show is built once.
+    let mut materials = Materials::new(&root);
+    let mut meshes: Vec<Arc<Mesh>> = vec![];
+    let mut numbers: HashMap<usize, usize> = HashMap::new();
+    let mut triangles = 0;
+    let mut placed = vec![];
+    for visit in &visits {
+        let Some(index) = visit.mesh else { continue };
+        let number = match numbers.get(&index) {
+            Some(&number) => number,
+            None => {
+                let data = mesh(&reader, index, &mut triangles, &mut materials, &mut warnings)?;
+                meshes.push(Arc::new(Mesh::new(data)));
+                numbers.insert(index, meshes.len() - 1);
+                meshes.len() - 1
+            }
+        };
+        placed.push(Part { mesh: number, asset_from_object: visit.asset_from_node, role: visit.role });
+    }
+    if triangles == 0 {
+        warnings.add("it has no triangles in its scene, so it shows nothing");
+    }
+
+    let lights = lights::place(&root, &visits)?;
+    let mut images = Images::new(&reader, &mut sources, limits);
+    let (materials, textures) = materials.load(&mut images, &mut warnings)?;
+    let warnings = warnings.finish(path);
+    Ok(Asset { meshes, parts: placed, materials, textures, lights, warnings })
+}
+
+/// All primitives of a mesh as one.
+fn mesh(
+    reader: &Reader<'_>,
+    index: usize,
+    triangles: &mut usize,
+    materials: &mut Materials<'_>,
+    warnings: &mut Warnings,
+) -> Result<MeshData, Located> {
+    let mut whole = MeshData::default();
+    for (number, json) in reader.root.meshes[index].primitives.iter().enumerate() {
+        let object = format!("mesh {index} primitive {number}");
+        let material = materials.number_of(json.material, &object)?;
+        let Some(data) = primitive::read(reader, json, material, &object, warnings)? else { continue };
+        *triangles += data.indices.len();
+        let limit = reader.limits.max_triangles;
+        if *triangles > limit {
+            return Err(here(
+                object,
+                Problem::TooMany { what: "triangles so far", count: *triangles as u64, limit: limit as u64 },
+            ));
+        }
+        whole.append(data);
+    }
+    Ok(whole)
+}

@@ -1,0 +1,114 @@
+//! Files and builtins behind URIs, each loaded once while anything shows it.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Arc, Weak};
+
+use crate::asset::Asset;
+use crate::builtin::{SCHEME, SHAPES, shape};
+use crate::edit::{Fault, nearest};
+use crate::environment;
+use crate::file::{self, Access, Stamp};
+use crate::gltf;
+use crate::limits::Limits;
+use crate::pack::GpuEnvironment;
+use crate::studio::studio;
+
+/// What was loaded, by canonical path or builtin URI. It keeps nothing alive: what no scene shows is loaded again.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Library {
+    assets: HashMap<String, (Option<Stamp>, Weak<Asset>)>,
+    environments: HashMap<String, (Option<Stamp>, Weak<GpuEnvironment>)>,
+}
+
+/// Something loaded, and the URI that finds it again.
+pub(crate) type Found<T> = (Arc<T>, String);
+
+impl Library {
+    /// The asset of a URI.
+    ///
+    /// # Errors
+    /// `bad-uri`, `outside-asset-roots`, `bad-gltf` or `too-large`, at field `uri`.
+    pub(crate) fn asset(&mut self, uri: &str, access: Access<'_>, limits: &Limits) -> Result<Found<Asset>, Fault> {
+        if let Some(name) = uri.strip_prefix(SCHEME) {
+            return remember(&mut self.assets, uri.to_owned(), None, || {
+                shape(name).ok_or_else(|| unknown_builtin(uri, &SHAPES))
+            })
+            .map(|asset| (asset, uri.to_owned()));
+        }
+        let path = file::locate(uri, access)?;
+        let asset = remember(&mut self.assets, key(&path)?, Stamp::of(&path), || {
+            gltf::load(&path, access, limits).map_err(|error| Fault::new(error.code(), "uri", error.to_string()))
+        })?;
+        Ok((asset, kept_uri(uri, &path, access)?))
+    }
+
+    /// The panorama of a URI.
+    ///
+    /// # Errors
+    /// `bad-uri`, `outside-asset-roots`, `bad-value` (not decodable) or `too-large`, at field `uri`.
+    pub(crate) fn environment(
+        &mut self,
+        uri: &str,
+        access: Access<'_>,
+        limits: &Limits,
+    ) -> Result<Found<GpuEnvironment>, Fault> {
+        if let Some(name) = uri.strip_prefix(SCHEME) {
+            return remember(&mut self.environments, uri.to_owned(), None, || match name {
+                "studio" => Ok(studio()),
+                _ => Err(unknown_builtin(uri, &["studio"])),
+            })
+            .map(|environment| (environment, uri.to_owned()));
+        }
+        let path = file::locate(uri, access)?;
+        let environment = remember(&mut self.environments, key(&path)?, Stamp::of(&path), || {
+            let bytes = file::read(&path, limits.max_file_bytes).map_err(|error| {
+                let code = if matches!(error, file::ReadError::TooLarge { .. }) { "too-large" } else { "bad-uri" };
+                Fault::new(code, "uri", format!("{}: {error}; hint: check the file and the limits", path.display()))
+            })?;
+            environment::decode(&bytes, &path, limits).map_err(|error| {
+                let large = matches!(error, environment::EnvironmentError::TooLarge { .. });
+                Fault::new(if large { "too-large" } else { "bad-value" }, "uri", error.to_string())
+            })
+        })?;
+        Ok((environment, kept_uri(uri, &path, access)?))
+    }
+}
+
+/// What is remembered under a key if it is still shown and its file has not changed, else what `load` gives.
+fn remember<T>(
+    known: &mut HashMap<String, (Option<Stamp>, Weak<T>)>,
+    key: String,
+    stamp: Option<Stamp>,
+    load: impl FnOnce() -> Result<T, Fault>,
+) -> Result<Arc<T>, Fault> {
+    if let Some((of, weak)) = known.get(&key)
+        && *of == stamp
+        && let Some(shared) = weak.upgrade()
+    {
+        return Ok(shared);
+    }
+    known.retain(|_, (_, weak)| weak.strong_count() > 0);
+    let loaded = Arc::new(load()?);
+    known.insert(key, (stamp, Arc::downgrade(&loaded)));
+    Ok(loaded)
+}
+
+fn key(path: &Path) -> Result<String, Fault> {
+    let utf8 = path.to_str().map(str::to_owned);
+    utf8.ok_or_else(|| Fault::new("bad-uri", "uri", format!("{} is not UTF-8; hint: rename it", path.display())))
+}
+
+/// A client's URI stays as it was given; the operator's becomes the canonical path, which holds wherever it is read again.
+fn kept_uri(uri: &str, path: &Path, access: Access<'_>) -> Result<String, Fault> {
+    match access {
+        Access::Roots(_) => Ok(uri.to_owned()),
+        Access::Anywhere(_) => key(path),
+    }
+}
+
+fn unknown_builtin(uri: &str, known: &[&str]) -> Fault {
+    let known: Vec<String> = known.iter().map(|name| format!("{SCHEME}{name}")).collect();
+    let known = nearest(uri, known.iter().map(String::as_str));
+    Fault::new("bad-uri", "uri", format!("{uri:?} is no builtin; hint: {known}"))
+}
