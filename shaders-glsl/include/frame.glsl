@@ -1,0 +1,42 @@
+// What one frame of one projector knows; twin of daemon/render/src/frame.rs.
+#ifndef FRAME_GLSL
+#define FRAME_GLSL
+
+// Homogeneous corners of the frustum as an affine map of the pixel, relative to the scene's origin; twin of
+// daemon/calibration/src/frustum.rs, where its arithmetic is derived.
+struct GpuFrustum {
+    vec4 near_00;
+    vec4 near_dx;
+    vec4 near_dy;
+    vec4 far_00;
+    vec4 far_dx;
+    vec4 far_dy;
+    vec4 clip_x;
+    vec4 clip_y;
+    vec4 clip_w;
+    vec4 depth_row;
+    vec2 resolution_px;
+    float z_base;
+    float y_sign;
+};
+
+const uint MAX_VIEWERS = 4u;
+
+layout(std140, binding = 12) uniform Frame {
+    GpuFrustum frustum;
+    vec4 irradiance[9];       // spherical harmonics of what a white diffuse surface shows
+    vec4 viewers[MAX_VIEWERS]; // eyes, m, relative to the origin
+    uvec2 environment_px;     // level 0
+    uint viewer_count;
+    uint light_count;
+    uint samples;             // n² a pixel
+    uint strata;              // n
+    uint max_depth;           // secondary rays deep
+    uint tlas_node_count;     // 0: nothing can be hit
+    uint virtual_count;       // instances of role virtual that are visible
+    uint projector_count;     // rows of Projectors
+    uint projector_index;     // this one's row
+    uint blend;               // 0: every weight is 1
+} frame;
+
+#endif

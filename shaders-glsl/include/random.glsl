@@ -1,0 +1,40 @@
+// Numbers on the fly: a counter-based generator keyed by a small per-projector state buffer, so that the same seed gives the
+// same image and no thread shares a state (PAPER.md, Ray Generation).
+#ifndef RANDOM_GLSL
+#define RANDOM_GLSL
+
+layout(std430, binding = 14) readonly buffer SampleState { uint sample_state[]; };
+
+// Jarzynski and Olano, Hash Functions for GPU Rendering, JCGT 9(3), 2020.
+uvec3 pcg3d(uvec3 v) {
+    v = v * 1664525u + 1013904223u;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    v ^= v >> 16u;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    return v;
+}
+
+// 24 bits each, in [0, 1).
+vec2 unit_square(uvec3 key) {
+    return vec2(pcg3d(key).xy >> 8u) * (1.0 / 16777216.0);
+}
+
+// Where sample s of a pixel lies, px from the pixel's corner: a jittered grid of strata; the centre for a single sample.
+vec2 sample_offset(uvec2 pixel, uint s) {
+    if (frame.samples == 1u) {
+        return vec2(0.5);
+    }
+    vec2 stratum = vec2(s % frame.strata, s / frame.strata);
+    return (stratum + unit_square(uvec3(pixel, s ^ sample_state[s]))) / float(frame.strata);
+}
+
+// Two numbers for the ray-th secondary ray of a sample.
+vec2 secondary_random(uvec2 pixel, uint s, uint ray) {
+    return unit_square(uvec3(pixel, ((s << 16u) | (ray << 8u) | 1u) ^ sample_state[s]));
+}
+
+#endif

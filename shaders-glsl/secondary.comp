@@ -1,0 +1,246 @@
+// The part of a point's look that depends on the eye: rays start from the eye's line of sight, never from the projector's ray
+// (PAPER.md, Figure 8). Whitted's tree (CACM 23(6), 1980) with glTF's materials, as a loop over a bounded stack of waiting rays.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+#define MATERIALS_KNOWN
+#include "include/frame.glsl"
+#include "include/primary_hit.glsl"
+#include "include/light.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+// The naive method, which reflects the projector's own ray; for the test that shows it to be wrong.
+layout(constant_id = 0) const uint EYE_AT_PROJECTOR = 0u;
+
+layout(std430, binding = 15) readonly buffer Hits { uvec2 hits[]; };
+
+// Mean over the samples so far of what is to be added to the eye-independent light.
+layout(std430, binding = 18) buffer Look { vec4 look[]; };
+
+// A sample follows at most this many rays, and none that carries less than this.
+const uint MAX_RAYS = 24u;
+const float MIN_THROUGHPUT = 1.0 / 256.0;
+
+// What a turn of the loop looks at.
+const int POINT = 0;
+const int MET = 1;
+const int TAKE_BACK = 2;
+
+struct Waiting {
+    vec3 origin;
+    vec3 direction;
+    vec3 throughput;
+    uint depth;
+    uint roles;
+    float t_max;
+    vec3 absorption_per_m; // of the body that the ray travels in
+};
+
+// The nearest viewer that stands in front of the surface; false where none does.
+bool viewer_of(Surface s, out vec3 eye) {
+    float nearest = 3.0e38;
+    for (uint i = 0u; i < frame.viewer_count; ++i) {
+        vec3 way = frame.viewers[i].xyz - s.position;
+        float d = length(way);
+        if (d < nearest && dot(way, s.normal) > 0.0 && dot(way, s.normal_geometric) > 0.0) {
+            nearest = d;
+            eye = frame.viewers[i].xyz;
+        }
+    }
+    return nearest < 3.0e38;
+}
+
+// Whether anything of this surface changes when the eye moves.
+bool depends_on_eye(Surface s) {
+    return s.clearcoat > 0.0 || s.transmission > 0.0 || (specular_scale(s) > 0.0 && (s.metallic > 0.0 || dielectric_f0(s) > 0.0));
+}
+
+Waiting waiting[MAX_RAYS];
+uint waiting_count;
+uint rays_made;
+
+void follow(Waiting w) {
+    if (w.depth > frame.max_depth || rays_made >= MAX_RAYS || max(w.throughput.x, max(w.throughput.y, w.throughput.z)) < MIN_THROUGHPUT) {
+        return;
+    }
+    waiting[waiting_count++] = w;
+    ++rays_made;
+}
+
+// The direction in which a lobe sends the ray that arrived along −v, and the share that masking leaves; black below the surface.
+vec3 lobe_direction(Surface s, vec3 v, float roughness, uvec2 pixel, out float share, out float cos_i) {
+    share = 1.0;
+    cos_i = max(dot(s.normal, v), 0.0);
+    vec3 m = s.normal;
+    float alpha = roughness * roughness;
+    if (roughness >= MIRROR_ROUGHNESS) {
+        m = sample_visible_normal(s.normal, v, alpha, secondary_random(pixel, push.sample_index, rays_made));
+        cos_i = max(dot(m, v), 0.0);
+    }
+    vec3 d = reflect(-v, m);
+    float n_d = dot(d, s.normal);
+    if (roughness >= MIRROR_ROUGHNESS) {
+        // G2/G1, what is left of the estimator when visible normals are sampled (Heitz 2018, section 3).
+        float lambda_v = ggx_lambda(dot(s.normal, v), alpha);
+        share = n_d > 0.0 ? (1.0 + lambda_v) / (1.0 + lambda_v + ggx_lambda(n_d, alpha)) : 0.0;
+    } else if (dot(d, s.normal_geometric) <= 0.0) {
+        // A bent shading normal may send a mirror ray below the true surface: lift it to the horizon.
+        d = normalize(d - s.normal_geometric * (dot(d, s.normal_geometric) - 1e-3));
+    }
+    if (dot(d, s.normal_geometric) <= 0.0) {
+        share = 0.0;
+    }
+    return d;
+}
+
+void main() {
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    if (outside_image(pixel)) {
+        return;
+    }
+    uint index = pixel_index(pixel);
+    vec4 before = push.sample_index == 0u ? vec4(0.0) : look[index];
+    uvec2 found = hits[index];
+    if (found.x == NO_INSTANCE) {
+        look[index] = before;
+        return;
+    }
+    Ray primary = sample_ray(pixel, push.sample_index);
+    bool inside;
+    Surface s = lit_surface(primary, found, inside);
+    vec3 eye;
+    bool seen = EYE_AT_PROJECTOR != 0u || viewer_of(s, eye);
+    bool eye_light = depends_on_eye(s);
+    if ((s.flags & ROLE_MASK) != 0u || !seen || (!eye_light && frame.virtual_count == 0u)) {
+        look[index] = before;
+        return;
+    }
+
+    vec3 v = EYE_AT_PROJECTOR != 0u ? -primary.direction : normalize(eye - s.position);
+    vec3 radiance = vec3(0.0);
+    vec3 throughput = vec3(1.0);
+    vec3 absorption = vec3(0.0);
+    uint depth = 0u;
+    waiting_count = 0u;
+    rays_made = 0u;
+
+    // A virtual thing on the line of sight stands in front of the point: the first ray looks for one, and finds the point itself
+    // where there is none.
+    bool at_point = frame.virtual_count == 0u || EYE_AT_PROJECTOR != 0u;
+    if (!at_point) {
+        follow(Waiting(eye, -v, vec3(1.0), 0u, ROLE_VIRTUAL, length(eye - s.position) * (1.0 - 1e-5), vec3(0.0)));
+    }
+    Surface point = s;
+    bool point_inside = inside;
+    bool hidden = false;
+
+    // Every turn of this loop looks at one surface: the point itself, what the next waiting ray meets, or the point once more to take
+    // back what the eye-independent pass has put there, because a virtual thing hides it.
+    while (true) {
+        int turn = at_point ? POINT : MET;
+        if (hidden) {
+            turn = TAKE_BACK;
+            hidden = false;
+            s = point;
+            throughput = vec3(-1.0);
+        } else if (!at_point) {
+            if (waiting_count == 0u) {
+                break;
+            }
+            Waiting w = waiting[--waiting_count];
+            Hit hit = trace_closest(Ray(w.origin, w.direction, 0.0, w.t_max), w.roles);
+            ++secondary_rays_made;
+            throughput = w.throughput;
+            depth = w.depth;
+            v = -w.direction;
+            bool looks_for_virtual = w.roles == ROLE_VIRTUAL;
+            if (hit.instance != NO_INSTANCE) {
+                absorption = w.absorption_per_m;
+                throughput *= exp(-absorption * hit.t);
+                s = surface_at(hit.instance, hit.triangle, hit.barycentric);
+                if ((s.flags & ROLE_MASK) != 0u) {
+                    continue;
+                }
+                inside = turn_to(s, w.direction);
+                hidden = looks_for_virtual;
+            } else if (looks_for_virtual) {
+                // The line of sight is free.
+                turn = POINT;
+                s = point;
+                inside = point_inside;
+                if (!eye_light) {
+                    break;
+                }
+            } else {
+                radiance += throughput * environment_radiance(w.direction);
+                continue;
+            }
+        }
+        at_point = false;
+        float n_v = max(dot(s.normal, v), 1e-4);
+
+        // The coat reflects first; what is below it gets the rest.
+        float coat = s.clearcoat > 0.0 && !inside && turn != TAKE_BACK ? s.clearcoat * fresnel_dielectric(n_v, 1.5) : 0.0;
+
+        // Lights: one shadow ray each serves the diffuse part (not at the point: another pass has it) and the highlights.
+        vec3 diffuse = turn == POINT ? vec3(0.0) : diffuse_color(s);
+        bool has_lobe = turn != TAKE_BACK && (specular_scale(s) > 0.0 && s.roughness >= MIRROR_ROUGHNESS ||
+                                              s.clearcoat > 0.0 && s.clearcoat_roughness >= MIRROR_ROUGHNESS);
+        if (turn != POINT) {
+            radiance += throughput * (1.0 - coat) * (s.emissive + diffuse * irradiance_over_pi(s.normal));
+        }
+        uint light_count = has_lobe || max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0 ? frame.light_count : 0u;
+        for (uint i = 0u; i < light_count; ++i) {
+            vec3 l;
+            vec3 lux = arriving(lights[i], s, l);
+            if (max(lux.x, max(lux.y, lux.z)) > 0.0) {
+                vec3 response = diffuse * (max(dot(s.normal, l), 0.0) / PI);
+                vec3 over = vec3(0.0);
+                if (has_lobe) {
+                    float v_h = max(dot(v, normalize(v + l)), 0.0);
+                    response += highlight(s.normal, v, l, s.roughness, base_fresnel(s, v_h, inside));
+                    over = s.clearcoat * highlight(s.normal, v, l, s.clearcoat_roughness, vec3(fresnel_dielectric(v_h, 1.5)));
+                }
+                radiance += throughput * lux * ((1.0 - coat) * response + over);
+            }
+        }
+        if (turn == TAKE_BACK) {
+            continue;
+        }
+
+        // Reflection by the base layer.
+        vec3 outside_origin = offset_origin(s.position, s.normal_geometric);
+        vec3 below = throughput * (1.0 - coat);
+        vec3 f = base_fresnel(s, n_v, inside);
+        if (max(f.x, max(f.y, f.z)) > 0.0) {
+            float share, cos_i;
+            vec3 d = lobe_direction(s, v, s.roughness, pixel, share, cos_i);
+            vec3 f_lobe = s.roughness >= MIRROR_ROUGHNESS ? base_fresnel(s, cos_i, inside) : f;
+            follow(Waiting(outside_origin, d, below * f_lobe * share, depth + 1u, EVERYTHING, 3.0e38, inside ? absorption : vec3(0.0)));
+        }
+
+        // Reflection by the coat.
+        if (coat > 0.0) {
+            float share, cos_i;
+            vec3 d = lobe_direction(s, v, s.clearcoat_roughness, pixel, share, cos_i);
+            follow(Waiting(outside_origin, d, throughput * coat * share, depth + 1u, EVERYTHING, 3.0e38, vec3(0.0)));
+        }
+
+        // Transmission: bent where the body is closed, straight through a thin sheet.
+        if (s.transmission > 0.0) {
+            bool solid = s.thickness > 0.0;
+            float eta = inside ? 1.0 / s.ior : s.ior;
+            float reflected = fresnel_dielectric(n_v, solid ? eta : s.ior);
+            vec3 through = below * s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - reflected));
+            vec3 d = solid ? refract(-v, s.normal, 1.0 / eta) : -v;
+            if (dot(d, d) > 0.0) {
+                bool enters = solid && !inside;
+                follow(Waiting(offset_origin(s.position, -s.normal_geometric), normalize(d), through, depth + 1u, EVERYTHING, 3.0e38,
+                               enters ? s.absorption_per_m : (solid ? vec3(0.0) : absorption)));
+            }
+        }
+    }
+    look[index] = before + vec4(radiance, 1.0) / float(frame.samples);
+    publish_counts(0u, 0u);
+}
