@@ -1,1 +1,61 @@
 //! The only unsafe code: Vulkan objects as safe, named, reference-counted values.
+//!
+//! A caller cannot break memory safety through this crate: sizes, alignments, bindings, push constants, extents and
+//! lifetimes are checked here and answered with [`GpuError`]. Three ideas carry that:
+//!
+//! - **Ownership.** Each object is `{ raw, device, name }` behind an [`Arc`](std::sync::Arc) with a `Drop`. What a
+//!   command buffer uses, it owns until the device has completed it ([`Submission`]); dropping everything else early
+//!   is always allowed.
+//! - **Hazards.** A recorded operation declares what it accesses; each buffer and image remembers its last uses, and
+//!   the [`Recorder`] emits the barriers, whose masks come from one table (`access.rs`). Uses on other queues become
+//!   semaphore waits when the commands are submitted.
+//! - **Order.** Resources are tracked in the order of recording, and commands that depend on others must be submitted
+//!   after them; [`Device::submit`] refuses any other order.
+//!
+//! What stays trusted is the SPIR-V itself: a [`Shader`] is a static table that a build script reflects from it.
+//! Robust buffer access is on wherever the device has it, so an index out of bounds in a shader stays harmless.
+#![allow(unsafe_code, reason = "this is the one crate that talks to Vulkan; everything above it denies unsafe code")]
+
+mod access;
+mod barrier;
+mod binding;
+mod buffer;
+mod cache;
+mod command;
+mod device;
+mod encoder;
+mod error;
+mod features;
+mod handle;
+mod history;
+mod image;
+mod info;
+mod instance;
+mod layout;
+mod memory;
+mod naming;
+mod pipeline;
+mod queue;
+mod release;
+mod sampler;
+mod select;
+mod shader;
+mod submission;
+mod ticket;
+mod timestamp;
+mod validation;
+
+pub use binding::{Bindings, Resource};
+pub use buffer::{Buffer, BufferKind, TexelFormat};
+pub use command::{Commands, Draws, Load, Recorder};
+pub use device::Device;
+pub use error::GpuError;
+pub use handle::Limits;
+pub use image::{Image, ImageFormat, ImageUsage};
+pub use info::{DeviceInfo, Display, DisplayMode, MemoryHeap, QueueFamily};
+pub use instance::{Instance, Validation};
+pub use layout::HasLayout;
+pub use pipeline::{ComputePipeline, DepthTest, GraphicsDesc, GraphicsPipeline};
+pub use queue::Queue;
+pub use shader::{Binding, BindingKind, Shader, Stage};
+pub use submission::Submission;

@@ -1,0 +1,123 @@
+//! The barrier before one operation: gathered from all its hazards, emitted once.
+
+use ash::vk;
+
+use crate::access::{Access, AccessSet};
+use crate::history::Before;
+
+/// Which accesses were made to wait for which, so that no barrier is said twice: for each pair, the operation before
+/// which the last such barrier stands. 0: none in this recording.
+pub(crate) struct Covered([[u64; Access::COUNT]; Access::COUNT]);
+
+impl Default for Covered {
+    fn default() -> Covered {
+        Covered([[0; Access::COUNT]; Access::COUNT])
+    }
+}
+
+impl Covered {
+    /// Whether a barrier since `operation` orders all of `first` before all of `then`.
+    fn covers(&self, first: AccessSet, operation: u64, then: AccessSet) -> bool {
+        first.iter().all(|a| then.iter().all(|b| self.0[a as usize][b as usize] > operation))
+    }
+
+    fn note(&mut self, first: AccessSet, then: AccessSet, operation: u64) {
+        for a in first.iter() {
+            for b in then.iter() {
+                self.0[a as usize][b as usize] = operation;
+            }
+        }
+    }
+}
+
+/// The barrier that is being gathered for one operation.
+#[derive(Default)]
+pub(crate) struct Gathered {
+    first: AccessSet,
+    then: AccessSet,
+    images: Vec<vk::ImageMemoryBarrier2<'static>>,
+}
+
+impl Gathered {
+    /// Adds what `before` asks for ahead of accesses `then`.
+    pub(crate) fn add(&mut self, covered: &Covered, before: &Before, then: AccessSet) {
+        for &(first, operation) in &before.here {
+            if !covered.covers(first, operation, then) {
+                self.first.insert(first);
+                self.then.insert(then);
+            }
+        }
+    }
+
+    /// Adds an order of all of `first` before all of `then`, whatever stands already.
+    pub(crate) fn add_first(&mut self, first: AccessSet, then: AccessSet) {
+        self.first.insert(first);
+        self.then.insert(then);
+    }
+
+    /// Adds the change of an image's layout ahead of accesses `then`.
+    pub(crate) fn add_layout(
+        &mut self,
+        image: vk::Image,
+        range: vk::ImageSubresourceRange,
+        before: &Before,
+        then: AccessSet,
+        layout: vk::ImageLayout,
+    ) {
+        let mut first = AccessSet::default();
+        for &(accesses, _) in &before.here {
+            first.insert(accesses);
+        }
+        let (mut src_stages, src_access) = source(first);
+        if before.elsewhere {
+            // The semaphore wait stands before all stages; the change of layout must follow it.
+            src_stages |= vk::PipelineStageFlags2::ALL_COMMANDS;
+        }
+        let (dst_stages, dst_access) = destination(then);
+        self.images.push(
+            vk::ImageMemoryBarrier2::default()
+                .src_stage_mask(src_stages)
+                .src_access_mask(src_access)
+                .dst_stage_mask(dst_stages)
+                .dst_access_mask(dst_access)
+                .old_layout(before.layout)
+                .new_layout(layout)
+                .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+                .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+                .image(image)
+                .subresource_range(range),
+        );
+    }
+
+    /// Hands the barrier to `emit`, unless there is none to say, and notes that it stands before `operation`.
+    pub(crate) fn flush(self, covered: &mut Covered, operation: u64, emit: impl FnOnce(&vk::DependencyInfo<'_>)) {
+        if self.first.is_empty() && self.images.is_empty() {
+            return;
+        }
+        let (src_stages, src_access) = source(self.first);
+        let (dst_stages, dst_access) = destination(self.then);
+        let memory = [vk::MemoryBarrier2::default()
+            .src_stage_mask(src_stages)
+            .src_access_mask(src_access)
+            .dst_stage_mask(dst_stages)
+            .dst_access_mask(dst_access)];
+        let mut info = vk::DependencyInfo::default().image_memory_barriers(&self.images);
+        if !self.first.is_empty() {
+            info = info.memory_barriers(&memory);
+        }
+        emit(&info);
+        covered.note(self.first, self.then, operation);
+    }
+}
+
+/// The first half of a barrier: all stages, and of the accesses those that write.
+fn source(accesses: AccessSet) -> (vk::PipelineStageFlags2, vk::AccessFlags2) {
+    let none = (vk::PipelineStageFlags2::NONE, vk::AccessFlags2::NONE);
+    accesses.iter().map(Access::scope).fold(none, |(s, a), scope| (s | scope.stages, a | scope.written()))
+}
+
+/// The second half of a barrier.
+fn destination(accesses: AccessSet) -> (vk::PipelineStageFlags2, vk::AccessFlags2) {
+    let none = (vk::PipelineStageFlags2::NONE, vk::AccessFlags2::NONE);
+    accesses.iter().map(Access::scope).fold(none, |(s, a), scope| (s | scope.stages, a | scope.access))
+}

@@ -1,0 +1,151 @@
+//! Copies, fills and uploads.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::{Recorder, Uses};
+use crate::access::{Access, AccessSet};
+use crate::buffer::{Buffer, BufferKind};
+use crate::error::GpuError;
+use crate::image::{Image, ImageUsage};
+
+impl Recorder {
+    /// Copies `bytes` bytes between buffers, or within one between ranges that do not overlap.
+    ///
+    /// # Errors
+    /// [`GpuError::Range`], [`GpuError::Misuse`] for ranges that overlap.
+    pub fn copy_buffer(
+        &mut self,
+        src: &Arc<Buffer>,
+        src_offset: u64,
+        dst: &Arc<Buffer>,
+        dst_offset: u64,
+        bytes: u64,
+    ) -> Result<(), GpuError> {
+        self.check_outside()?;
+        src.check_range(src_offset, bytes)?;
+        dst.check_range(dst_offset, bytes)?;
+        if Arc::ptr_eq(src, dst) && src_offset < dst_offset + bytes && dst_offset < src_offset + bytes {
+            return Err(GpuError::misuse(src.name(), "a copy onto itself whose ranges overlap"));
+        }
+        if bytes == 0 {
+            return Ok(());
+        }
+        let mut uses = Uses::default();
+        uses.add_buffer(src, AccessSet::of(Access::CopyRead));
+        uses.add_buffer(dst, AccessSet::of(Access::CopyWrite));
+        self.apply(&uses)?;
+        let region = vk::BufferCopy { src_offset, dst_offset, size: bytes };
+        // SAFETY: recording outside of a rendering; both ranges are inside buffers of this device that may be copied,
+        // do not overlap, and are kept below.
+        unsafe { self.raw().cmd_copy_buffer(self.recording.commands(), src.raw, dst.raw, &[region]) };
+        self.keep(src);
+        self.keep(dst);
+        Ok(())
+    }
+
+    /// Copies `data` to `offset` bytes into a buffer, through a staging buffer that lives until it was done.
+    ///
+    /// # Errors
+    /// [`GpuError::Range`], or no memory.
+    pub fn upload(&mut self, dst: &Arc<Buffer>, offset: u64, data: &[u8]) -> Result<(), GpuError> {
+        dst.check_range(offset, data.len() as u64)?;
+        if data.is_empty() {
+            return Ok(());
+        }
+        let name = format!("staging for {}", dst.name());
+        let staging = Buffer::new(self.device(), &name, BufferKind::Staging, data.len() as u64)?;
+        staging.write(0, data)?;
+        self.copy_buffer(&staging, 0, dst, offset, data.len() as u64)
+    }
+
+    /// Fills a buffer with one 32-bit word.
+    ///
+    /// # Errors
+    /// [`GpuError::OtherDevice`].
+    pub fn fill(&mut self, dst: &Arc<Buffer>, value: u32) -> Result<(), GpuError> {
+        self.check_outside()?;
+        let mut uses = Uses::default();
+        uses.add_buffer(dst, AccessSet::of(Access::CopyWrite));
+        self.apply(&uses)?;
+        // SAFETY: recording outside of a rendering; the buffer may be copied to and is kept below.
+        unsafe { self.raw().cmd_fill_buffer(self.recording.commands(), dst.raw, 0, vk::WHOLE_SIZE, value) };
+        self.keep(dst);
+        Ok(())
+    }
+
+    /// Copies all pixels of an image to the beginning of a buffer, row by row without gaps, the top row first.
+    ///
+    /// # Errors
+    /// [`GpuError::Range`] for a buffer that is too short, [`GpuError::Misuse`] for an image not created for copies,
+    /// [`GpuError::Unwritten`].
+    pub fn copy_image_to_buffer(&mut self, src: &Arc<Image>, dst: &Arc<Buffer>) -> Result<(), GpuError> {
+        self.check_outside()?;
+        src.require(ImageUsage::TRANSFER, "the source of a copy")?;
+        dst.check_range(0, src.bytes())?;
+        let mut uses = Uses::default();
+        uses.add_image(src, AccessSet::of(Access::CopyRead), true)?;
+        uses.add_buffer(dst, AccessSet::of(Access::CopyWrite));
+        self.apply(&uses)?;
+        let region = vk::BufferImageCopy::default().image_subresource(layers(src)).image_extent(vk::Extent3D {
+            width: src.width_px(),
+            height: src.height_px(),
+            depth: 1,
+        });
+        // SAFETY: recording outside of a rendering; the image is in this layout by the barrier before, and the buffer
+        // has room for it; both are of this device and kept below.
+        unsafe {
+            self.raw().cmd_copy_image_to_buffer(
+                self.recording.commands(),
+                src.raw,
+                vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+                dst.raw,
+                &[region],
+            );
+        }
+        self.keep(src);
+        self.keep(dst);
+        Ok(())
+    }
+
+    /// Copies all pixels of an image to another of the same size and format.
+    ///
+    /// # Errors
+    /// [`GpuError::Misuse`] for images that differ, are one, or were not created for copies; [`GpuError::Unwritten`].
+    pub fn copy_image(&mut self, src: &Arc<Image>, dst: &Arc<Image>) -> Result<(), GpuError> {
+        self.check_outside()?;
+        src.require(ImageUsage::TRANSFER, "the source of a copy")?;
+        dst.require(ImageUsage::TRANSFER, "the destination of a copy")?;
+        if src.extent() != dst.extent() || src.format() != dst.format() {
+            return Err(GpuError::misuse(dst.name(), format!("{dst:?} is no place for {src:?}")));
+        }
+        let mut uses = Uses::default();
+        uses.add_image(src, AccessSet::of(Access::CopyRead), true)?;
+        uses.add_image(dst, AccessSet::of(Access::CopyWrite), false)?;
+        self.apply(&uses)?;
+        let region = vk::ImageCopy::default()
+            .src_subresource(layers(src))
+            .dst_subresource(layers(dst))
+            .extent(vk::Extent3D { width: src.width_px(), height: src.height_px(), depth: 1 });
+        // SAFETY: recording outside of a rendering; the images are different ones of one size and format, in these
+        // layouts by the barrier before; both are of this device and kept below.
+        unsafe {
+            self.raw().cmd_copy_image(
+                self.recording.commands(),
+                src.raw,
+                vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+                dst.raw,
+                vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+                &[region],
+            );
+        }
+        self.keep(src);
+        self.keep(dst);
+        Ok(())
+    }
+}
+
+fn layers(image: &Image) -> vk::ImageSubresourceLayers {
+    vk::ImageSubresourceLayers::default().aspect_mask(image.format().aspect()).layer_count(1)
+}

@@ -1,0 +1,365 @@
+//! Recording commands, with the barriers that they need.
+
+mod copy;
+mod draw;
+mod recording;
+
+use std::sync::{Arc, PoisonError};
+
+use ash::vk;
+
+use crate::access::{Access, AccessSet};
+use crate::barrier::{Covered, Gathered};
+use crate::binding::{Bindings, Held, layout_of};
+use crate::buffer::Buffer;
+use crate::device::Device;
+use crate::encoder::Encoder;
+use crate::error::GpuError;
+use crate::image::Image;
+use crate::layout::Layout;
+use crate::pipeline::ComputePipeline;
+use crate::timestamp::QUERIES;
+use recording::Recording;
+
+pub use draw::{Draws, Load};
+pub use recording::Commands;
+
+/// Records commands for one queue.
+///
+/// Operations run as if one after the other: before each the recorder puts what barrier it needs, and none where
+/// operations do not touch the same thing or only read it. Buffers and images remember their uses in the order of
+/// recording, on whichever recorder and thread, so commands that touch the same things must be submitted in that
+/// order; several recorders may be open at once, as one for each projector. Work of another queue that is built upon
+/// is waited for on the device when the commands are submitted.
+///
+/// A call that fails records nothing. What is dropped without being submitted never happened.
+pub struct Recorder {
+    recording: Recording,
+    covered: Covered,
+    /// Counts operations, from 1.
+    operation: u64,
+    /// Mapped buffers that were written, which the host must see.
+    written_for_host: Vec<Arc<Buffer>>,
+    next_query: u32,
+    /// Spans that have begun and not ended: each will need one more query.
+    open_spans: u32,
+    /// Set while a rendering is open, and for good when one was left open by a panic.
+    in_rendering: bool,
+}
+
+impl std::fmt::Debug for Recorder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Recorder({:?}, {} operations)", self.recording.name, self.operation)
+    }
+}
+
+impl Recorder {
+    /// Begins a recording for the queue of projector `queue` (see [`Device::queue`]).
+    ///
+    /// # Errors
+    /// No memory, or [`GpuError::DeviceLost`].
+    pub fn new(device: &Arc<Device>, queue: usize, name: &str) -> Result<Recorder, GpuError> {
+        let mut encoder = match device.release().take_spare() {
+            Some(encoder) => encoder,
+            None => Encoder::new(device.handle(), device.queue(queue).family)?,
+        };
+        encoder.begin(name)?;
+        let recording = Recording {
+            device: Arc::clone(device),
+            name: name.into(),
+            ticket: device.ticket(queue),
+            depends: Vec::new(),
+            kept: Vec::new(),
+            spans: Vec::new(),
+            encoder: Some(encoder),
+        };
+        let mut recorder = Recorder {
+            recording,
+            covered: Covered::default(),
+            operation: 0,
+            written_for_host: Vec::new(),
+            next_query: 0,
+            open_spans: 0,
+            in_rendering: false,
+        };
+        recorder.timestamp();
+        Ok(recorder)
+    }
+
+    /// Records `f` under a label, with a timestamp at both ends: the frame of a pass.
+    ///
+    /// # Errors
+    /// Those of `f`, and [`GpuError::Misuse`] for more spans than a recording has timestamps for (127).
+    pub fn span<R>(
+        &mut self,
+        name: &'static str,
+        f: impl FnOnce(&mut Recorder) -> Result<R, GpuError>,
+    ) -> Result<R, GpuError> {
+        self.check_outside()?;
+        if self.next_query + self.open_spans + 2 > QUERIES {
+            return Err(GpuError::misuse(&self.recording.name, format!("no timestamps are left for span {name:?}")));
+        }
+        let commands = self.recording.commands();
+        // SAFETY: the command buffer is being recorded, by this recorder alone.
+        unsafe { self.device().handle().naming.begin(commands, name) };
+        let first = self.timestamp();
+        self.open_spans += 1;
+        let result = f(self);
+
+        // Whatever `f` did to the place behind its reference, only the recording that began the span may end it.
+        if self.recording.commands() != commands || self.in_rendering {
+            self.in_rendering = true;
+            return Err(GpuError::misuse(&self.recording.name, format!("span {name:?} ended in another recording")));
+        }
+        self.open_spans -= 1;
+        let last = self.timestamp();
+        // SAFETY: as above, and the label was opened in this very command buffer.
+        unsafe { self.device().handle().naming.end(commands) };
+        self.recording.spans.push((name, first, last));
+        result
+    }
+
+    /// Runs a compute pipeline on `groups` workgroups.
+    ///
+    /// # Errors
+    /// [`GpuError::Binding`] for bindings of another table, [`GpuError::PushConstants`] for another size than the
+    /// shader declares, [`GpuError::TooLarge`] for too many workgroups, [`GpuError::Unwritten`].
+    pub fn dispatch(
+        &mut self,
+        pipeline: &Arc<ComputePipeline>,
+        bindings: &Arc<Bindings>,
+        push: &[u8],
+        groups: [u32; 3],
+    ) -> Result<(), GpuError> {
+        self.check_outside()?;
+        self.check_pipeline(&pipeline.layout, bindings, push)?;
+        for (asked, limit) in groups.into_iter().zip(self.device().limits().max_groups) {
+            if asked > limit {
+                return Err(GpuError::TooLarge {
+                    object: pipeline.name().into(),
+                    asked: asked.into(),
+                    limit: limit.into(),
+                    unit: "workgroups",
+                });
+            }
+        }
+        let mut uses = Uses::default();
+        uses.add_bindings(bindings)?;
+        self.apply(&uses)?;
+        self.bind(vk::PipelineBindPoint::COMPUTE, pipeline.raw, &pipeline.layout, bindings, push);
+        // SAFETY: pipeline, bindings and push constants are bound, all for this layout; the counts are within limits.
+        unsafe { self.raw().cmd_dispatch(self.recording.commands(), groups[0], groups[1], groups[2]) };
+        self.keep(pipeline);
+        self.keep(bindings);
+        Ok(())
+    }
+
+    /// Ends the recording. What it wrote to mapped buffers, the host will see once it has completed.
+    ///
+    /// # Errors
+    /// No memory, or [`GpuError::Misuse`] when a rendering was left by a panic.
+    pub fn finish(self) -> Result<Commands, GpuError> {
+        self.check_outside()?;
+        let mut gathered = Gathered::default();
+        let mut covered = self.covered;
+        let host = AccessSet::of(Access::HostRead);
+        if !self.written_for_host.is_empty() {
+            gathered.add_first(AccessSet::of(Access::CopyWrite), host);
+        }
+        let (raw, commands) = (&self.recording.device.handle().raw, self.recording.commands());
+        // SAFETY: the command buffer is being recorded, outside of a rendering; this recorder is its only user.
+        unsafe {
+            gathered.flush(&mut covered, self.operation + 1, |info| raw.cmd_pipeline_barrier2(commands, info));
+            raw.end_command_buffer(commands)
+                .map_err(|result| GpuError::vulkan(format!("ending {:?}", self.recording.name), result))?;
+        }
+        Ok(Commands(self.recording))
+    }
+
+    fn device(&self) -> &Arc<Device> {
+        &self.recording.device
+    }
+
+    fn raw(&self) -> &ash::Device {
+        &self.recording.device.handle().raw
+    }
+
+    fn keep<T: Send + Sync + 'static>(&mut self, object: &Arc<T>) {
+        self.recording.kept.push(Arc::clone(object) as crate::release::Kept);
+    }
+
+    /// Refuses what may not stand inside a rendering.
+    fn check_outside(&self) -> Result<(), GpuError> {
+        if self.in_rendering {
+            return Err(GpuError::misuse(&self.recording.name, "a rendering was left open in this recording"));
+        }
+        Ok(())
+    }
+
+    fn check_pipeline(&self, layout: &Layout, bindings: &Bindings, push: &[u8]) -> Result<(), GpuError> {
+        if !Arc::ptr_eq(&layout.device, self.device().handle()) {
+            return Err(GpuError::OtherDevice { object: layout.name.clone() });
+        }
+        if !bindings.layout.serves(layout) {
+            let problem = format!("these bindings were made for {:?}, whose table differs", bindings.layout.name);
+            return Err(GpuError::Binding { pipeline: layout.name.clone(), binding: "*".into(), problem });
+        }
+        if push.len() != layout.push_bytes as usize {
+            return Err(GpuError::PushConstants {
+                pipeline: layout.name.clone(),
+                given: push.len(),
+                declared: layout.push_bytes,
+            });
+        }
+        Ok(())
+    }
+
+    /// Binds a pipeline with its resources, which `check_pipeline` has found to fit.
+    fn bind(
+        &self,
+        point: vk::PipelineBindPoint,
+        pipeline: vk::Pipeline,
+        layout: &Layout,
+        bindings: &Bindings,
+        push: &[u8],
+    ) {
+        let commands = self.recording.commands();
+        // SAFETY: the command buffer is being recorded; pipeline, set and push constants are all of compatible
+        // layouts of this device, and are kept until the recording has completed.
+        unsafe {
+            self.raw().cmd_bind_pipeline(commands, point, pipeline);
+            self.raw().cmd_bind_descriptor_sets(commands, point, layout.raw, 0, &[bindings.set], &[]);
+            if !push.is_empty() {
+                self.raw().cmd_push_constants(commands, layout.raw, layout.stages, 0, push);
+            }
+        }
+    }
+
+    /// Starts an operation that uses `uses`: checks them, and puts the barrier before it.
+    fn apply(&mut self, uses: &Uses) -> Result<(), GpuError> {
+        // Everything that can fail comes first, so that a refused operation leaves no trace.
+        let handle = Arc::clone(self.device().handle());
+        for (buffer, _) in &uses.buffers {
+            if !Arc::ptr_eq(&buffer.device, &handle) {
+                return Err(GpuError::OtherDevice { object: buffer.name().into() });
+            }
+        }
+        for used in &uses.images {
+            if !Arc::ptr_eq(&used.image.device, &handle) {
+                return Err(GpuError::OtherDevice { object: used.image.name().into() });
+            }
+            let history = used.image.history.lock().unwrap_or_else(PoisonError::into_inner);
+            if used.needs_contents && history.layout() == vk::ImageLayout::UNDEFINED {
+                return Err(GpuError::Unwritten { object: used.image.name().into() });
+            }
+        }
+
+        self.operation += 1;
+        let mut gathered = Gathered::default();
+        for (buffer, accesses) in &uses.buffers {
+            let mut history = buffer.history.lock().unwrap_or_else(PoisonError::into_inner);
+            let before = history.note(&self.recording.ticket, self.operation, *accesses, None);
+            drop(history);
+            gathered.add(&self.covered, &before, *accesses);
+            self.depend(before.tickets);
+            if accesses.writes() && buffer.is_mapped() {
+                self.written_for_host.push(Arc::clone(buffer));
+            }
+        }
+        for used in &uses.images {
+            let layout = layout_of(used.accesses);
+            let mut history = used.image.history.lock().unwrap_or_else(PoisonError::into_inner);
+            let before = history.note(&self.recording.ticket, self.operation, used.accesses, Some(layout));
+            drop(history);
+            if before.layout == layout {
+                gathered.add(&self.covered, &before, used.accesses);
+            } else {
+                gathered.add_layout(used.image.raw, used.image.range(), &before, used.accesses, layout);
+            }
+            self.depend(before.tickets);
+        }
+
+        let commands = self.recording.commands();
+        // SAFETY: the command buffer is being recorded, outside of a rendering; the images in the barrier are of this
+        // device, in the layout that their history says, and are kept by whoever calls this.
+        gathered.flush(&mut self.covered, self.operation, |info| unsafe {
+            handle.raw.cmd_pipeline_barrier2(commands, info);
+        });
+        Ok(())
+    }
+
+    fn depend(&mut self, tickets: Vec<Arc<crate::ticket::Ticket>>) {
+        for ticket in tickets {
+            if !self.recording.depends.iter().any(|known| Arc::ptr_eq(known, &ticket)) {
+                self.recording.depends.push(ticket);
+            }
+        }
+    }
+
+    /// Writes the next timestamp and returns its number. The caller has seen that one is left.
+    fn timestamp(&mut self) -> u32 {
+        let (query, queries) = (self.next_query, self.recording.queries());
+        self.next_query += 1;
+        if queries != vk::QueryPool::null() {
+            // SAFETY: the command buffer is being recorded; the query is in the pool, since `span` sees to it that one is
+            // left, was reset at the beginning, and is written this once.
+            unsafe {
+                self.raw().cmd_write_timestamp2(
+                    self.recording.commands(),
+                    vk::PipelineStageFlags2::ALL_COMMANDS,
+                    queries,
+                    query,
+                );
+            }
+        }
+        query
+    }
+}
+
+/// The resources that one operation uses, each once with all its accesses.
+#[derive(Default)]
+struct Uses {
+    buffers: Vec<(Arc<Buffer>, AccessSet)>,
+    images: Vec<UsedImage>,
+}
+
+struct UsedImage {
+    image: Arc<Image>,
+    accesses: AccessSet,
+    /// Whether the operation makes no sense on an image that nothing has written.
+    needs_contents: bool,
+}
+
+impl Uses {
+    fn add_buffer(&mut self, buffer: &Arc<Buffer>, accesses: AccessSet) {
+        match self.buffers.iter_mut().find(|(known, _)| Arc::ptr_eq(known, buffer)) {
+            Some((_, all)) => all.insert(accesses),
+            None => self.buffers.push((Arc::clone(buffer), accesses)),
+        }
+    }
+
+    fn add_image(&mut self, image: &Arc<Image>, accesses: AccessSet, needs_contents: bool) -> Result<(), GpuError> {
+        match self.images.iter_mut().find(|used| Arc::ptr_eq(&used.image, image)) {
+            Some(used) if layout_of(used.accesses) == layout_of(accesses) => {
+                used.accesses.insert(accesses);
+                used.needs_contents |= needs_contents;
+                Ok(())
+            }
+            Some(_) => Err(GpuError::misuse(image.name(), "one operation uses it in two ways that exclude each other")),
+            None => {
+                self.images.push(UsedImage { image: Arc::clone(image), accesses, needs_contents });
+                Ok(())
+            }
+        }
+    }
+
+    fn add_bindings(&mut self, bindings: &Bindings) -> Result<(), GpuError> {
+        for (held, accesses) in &bindings.held {
+            match held {
+                Held::Buffer(buffer) => self.add_buffer(buffer, *accesses),
+                Held::Image(image) => self.add_image(image, *accesses, accesses.only_reads())?,
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,226 @@
+//! An opened device: its queues, its pipeline cache, and the submission of work.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Arc, OnceLock, PoisonError};
+use std::time::Duration;
+
+use ash::vk;
+
+use crate::cache::PipelineCache;
+use crate::command::Commands;
+use crate::error::GpuError;
+use crate::handle::{DeviceHandle, Limits};
+use crate::info::{self, DeviceInfo};
+use crate::instance::Instance;
+use crate::queue::Queue;
+use crate::release::{Parked, Release};
+use crate::select;
+use crate::submission::Submission;
+use crate::ticket::{Phase, Ticket, Timeline};
+
+/// An opened device.
+pub struct Device {
+    handle: Arc<DeviceHandle>,
+    queues: Vec<Queue>,
+    release: Arc<Release>,
+    cache: PipelineCache,
+}
+
+impl std::fmt::Debug for Device {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Device").field("name", &self.info().name).field("queues", &self.queues).finish_non_exhaustive()
+    }
+}
+
+impl Device {
+    /// Opens a device.
+    ///
+    /// `select` is an index, a UUID, or part of a name in any case; None is the best there is. `compute_queues` is how
+    /// many projectors want a queue. `cache_dir` is where compiled pipelines are kept: read now if they are of this
+    /// device and driver, and written when the device is dropped.
+    ///
+    /// # Errors
+    /// [`GpuError::NoSuchDevice`], [`GpuError::Unsupported`], or the driver's refusal.
+    pub fn open(
+        instance: &Arc<Instance>,
+        select: Option<&str>,
+        compute_queues: u32,
+        cache_dir: Option<&Path>,
+    ) -> Result<Arc<Device>, GpuError> {
+        let devices = instance.devices()?;
+        let info = select::choose(&devices, select)?.clone();
+        let physical = instance.physical_devices()?.get(info.index).copied();
+        let gone =
+            || GpuError::Unsupported { device: info.name.clone(), missing: "a place in the list: it is gone".into() };
+        let physical = physical.ok_or_else(gone)?;
+        let (family, family_info) = info::serving_family(instance, physical).ok_or_else(gone)?;
+
+        let users = compute_queues.max(1);
+        let count = users.min(family_info.queue_count);
+        let handle = DeviceHandle::create(instance, physical, info, (family, family_info), count)?;
+        let queues = Queue::all(&handle, family, count, users)?;
+        let cache = PipelineCache::open(&handle, cache_dir)?;
+        tracing::info!(device = handle.info.name, queues = count, cache_bytes = cache.loaded_bytes(), "device opened");
+        Ok(Arc::new(Device { handle, queues, release: Arc::default(), cache }))
+    }
+
+    /// What the device is and can do.
+    pub fn info(&self) -> &DeviceInfo {
+        &self.handle.info
+    }
+
+    /// What the device allows.
+    pub fn limits(&self) -> &Limits {
+        &self.handle.limits
+    }
+
+    /// The queue of projector `i`: where there are fewer queues than projectors, they take turns.
+    pub fn queue(&self, i: usize) -> &Queue {
+        &self.queues[i % self.queues.len()]
+    }
+
+    /// How many queues were opened.
+    pub fn queue_count(&self) -> usize {
+        self.queues.len()
+    }
+
+    /// Bytes of device and mapped memory that live buffers and images take.
+    pub fn allocated_bytes(&self) -> u64 {
+        self.handle.allocated_bytes()
+    }
+
+    /// Bytes of compiled pipelines that were read from disk when the device was opened.
+    pub fn cache_loaded_bytes(&self) -> usize {
+        self.cache.loaded_bytes()
+    }
+
+    /// Waits until all that was submitted so far has completed, and lets go of what it used.
+    ///
+    /// # Errors
+    /// [`GpuError::DeviceLost`].
+    pub fn wait_idle(&self) -> Result<(), GpuError> {
+        for queue in &self.queues {
+            // Waiting for the timeline rather than the queue leaves others free to submit meanwhile.
+            let last = *queue.last.lock().unwrap_or_else(PoisonError::into_inner);
+            while !queue.timeline.wait(last, Duration::from_secs(3600))? {}
+        }
+        self.release.collect()
+    }
+
+    /// Gives recorded commands to their queue.
+    ///
+    /// Commands must be submitted in the order of their recording, as far as they use the same resources: the barriers
+    /// in them rely on it. What they use and another queue used before is waited for on the device, with its memory;
+    /// `wait_for` adds more to wait for.
+    ///
+    /// # Errors
+    /// [`GpuError::Order`] where commands that these depend on were not submitted, [`GpuError::OtherDevice`],
+    /// [`GpuError::DeviceLost`] or no memory. The commands are dropped then, as if never recorded.
+    pub fn submit(&self, commands: Commands, wait_for: &[&Submission]) -> Result<Submission, GpuError> {
+        if !std::ptr::eq(Arc::as_ptr(commands.device()), self) {
+            return Err(GpuError::OtherDevice { object: commands.name().into() });
+        }
+        self.release.collect()?;
+        let at = commands.queue();
+        let queue = &self.queues[at];
+        let mut last = queue.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let _gate = self.handle.gate.write().unwrap_or_else(PoisonError::into_inner);
+
+        // Of each other queue, the latest of all that is waited for.
+        let mut waits: BTreeMap<usize, (Arc<Timeline>, u64)> = BTreeMap::new();
+        let mut wait = |queue: usize, timeline: &Arc<Timeline>, value: u64| {
+            if queue != at {
+                let entry = waits.entry(queue).or_insert_with(|| (Arc::clone(timeline), value));
+                entry.1 = entry.1.max(value);
+            }
+        };
+        for ticket in commands.depends() {
+            match ticket.phase() {
+                Phase::Submitted(value) => wait(ticket.queue, &ticket.timeline, value),
+                Phase::Recorded | Phase::Abandoned => return Err(GpuError::Order { object: commands.name().into() }),
+            }
+        }
+        for submission in wait_for {
+            if !Arc::ptr_eq(submission.timeline.device(), &self.handle) {
+                return Err(GpuError::OtherDevice { object: submission.name.clone() });
+            }
+            wait(submission.queue, &submission.timeline, submission.value);
+        }
+
+        let value = *last + 1;
+        self.submit_raw(queue, &commands, waits.values(), value)?;
+        *last = value;
+        let name = commands.name().to_owned();
+        let (encoder, kept, spans) = commands.submitted(value);
+        let times = Arc::new(OnceLock::new());
+        let (timeline, told) = (Arc::clone(&queue.timeline), Arc::clone(&times));
+        self.release.park(Parked { timeline, value, encoder, kept, spans, times: told });
+        Ok(Submission {
+            name,
+            queue: at,
+            timeline: Arc::clone(&queue.timeline),
+            value,
+            release: Arc::clone(&self.release),
+            times,
+        })
+    }
+
+    fn submit_raw<'a>(
+        &self,
+        queue: &Queue,
+        commands: &Commands,
+        waits: impl Iterator<Item = &'a (Arc<Timeline>, u64)>,
+        value: u64,
+    ) -> Result<(), GpuError> {
+        let semaphore = |timeline: &Timeline, value| {
+            vk::SemaphoreSubmitInfo::default()
+                .semaphore(timeline.raw())
+                .value(value)
+                .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+        };
+        let waits: Vec<_> = waits.map(|(timeline, value)| semaphore(timeline, *value)).collect();
+        let signals = [semaphore(&queue.timeline, value)];
+        let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands.raw())];
+        let info = vk::SubmitInfo2::default()
+            .wait_semaphore_infos(&waits)
+            .command_buffer_infos(&buffers)
+            .signal_semaphore_infos(&signals);
+        // SAFETY: the queue's lock is held by the caller. The command buffer is complete and submitted this once; all
+        // that it uses, and its timeline, are parked by the caller until it has completed. The semaphores are
+        // timelines of this device; the values waited for were submitted, and the one signalled is the next.
+        unsafe { self.handle.raw.queue_submit2(queue.raw, &[info], vk::Fence::null()) }
+            .map_err(|result| GpuError::vulkan(format!("submitting {:?}", commands.name()), result))
+    }
+
+    pub(crate) fn handle(&self) -> &Arc<DeviceHandle> {
+        &self.handle
+    }
+
+    pub(crate) fn cache(&self) -> &PipelineCache {
+        &self.cache
+    }
+
+    pub(crate) fn release(&self) -> &Arc<Release> {
+        &self.release
+    }
+
+    /// A mark for a new recording on queue `i`.
+    pub(crate) fn ticket(&self, i: usize) -> Arc<Ticket> {
+        let at = i % self.queues.len();
+        Ticket::new(at, Arc::clone(&self.queues[at].timeline))
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        match self.wait_idle() {
+            // SAFETY: all work has completed, or the device is lost and does no more.
+            Ok(()) | Err(GpuError::DeviceLost { .. }) => unsafe { self.release.clear() },
+            Err(error) => {
+                tracing::error!(%error, "a device that does not come to rest keeps what it uses");
+                self.release.leak();
+            }
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! The logical device itself, which every object on it keeps alive.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
+
+use ash::{ext, vk};
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
+
+use crate::error::GpuError;
+use crate::features::Features;
+use crate::info::DeviceInfo;
+use crate::instance::Instance;
+use crate::naming::Naming;
+
+/// Bytes of the memory blocks that objects share: small, so that a small scene shows as one, and growing with use.
+const BLOCK_BYTES: (u64, u64) = (16 << 20, 256 << 20);
+
+/// What the device allows, as far as this crate checks it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Limits {
+    /// The longest range of one storage buffer, in bytes.
+    pub max_storage_buffer_bytes: u64,
+    /// The longest range of one uniform buffer, in bytes.
+    pub max_uniform_buffer_bytes: u64,
+    /// The most elements of one texel buffer.
+    pub max_texel_buffer_elements: u64,
+    /// The most bytes of push constants.
+    pub max_push_bytes: u32,
+    /// The most workgroups of a dispatch, by axis.
+    pub max_groups: [u32; 3],
+    /// The most invocations of a workgroup, by axis.
+    pub max_group_size: [u32; 3],
+    /// The most invocations of a workgroup in all.
+    pub max_group_invocations: u32,
+    /// The most pixels of an image along either side.
+    pub max_image_px: u32,
+    /// The most pixels of a render target along width and height.
+    pub max_target_px: [u32; 2],
+    /// The most colour attachments of a rendering.
+    pub max_color_attachments: u32,
+    /// The most uniform buffers of a shader stage.
+    pub max_stage_uniform_buffers: u32,
+    /// The most storage buffers of a shader stage.
+    pub max_stage_storage_buffers: u32,
+    /// The most texel buffers and sampled images of a shader stage, together.
+    pub max_stage_sampled: u32,
+    /// The most storage images of a shader stage.
+    pub max_stage_storage_images: u32,
+    /// The most resources of a shader stage, attachments included.
+    pub max_stage_resources: u32,
+    /// Nanoseconds of one tick of a timestamp; 0 where the device has none.
+    pub timestamp_period_ns: f32,
+    /// Bits of a timestamp that count.
+    pub timestamp_valid_bits: u32,
+}
+
+/// A logical device, its allocator and what is known of it.
+///
+/// Objects hold this and not [`Device`](crate::Device), because that one parks objects until they are no longer in
+/// use: parked objects must not keep their parking place alive.
+pub(crate) struct DeviceHandle {
+    pub(crate) raw: ash::Device,
+    pub(crate) instance: Arc<Instance>,
+    pub(crate) naming: Naming,
+    pub(crate) info: DeviceInfo,
+    pub(crate) limits: Limits,
+    pub(crate) features: Features,
+    pub(crate) physical: vk::PhysicalDevice,
+    /// None only while the handle is being dropped.
+    pub(crate) allocator: Mutex<Option<Allocator>>,
+    pub(crate) allocated_bytes: AtomicU64,
+    /// Held shared while the host touches mapped memory, and exclusively while commands are submitted: so nothing
+    /// starts to use mapped memory while the host is at it.
+    pub(crate) gate: RwLock<()>,
+}
+
+impl DeviceHandle {
+    /// Creates the logical device with `queues` queues of `family`.
+    pub(crate) fn create(
+        instance: &Arc<Instance>,
+        physical: vk::PhysicalDevice,
+        info: DeviceInfo,
+        (family, family_info): (u32, vk::QueueFamilyProperties),
+        queues: u32,
+    ) -> Result<Arc<DeviceHandle>, GpuError> {
+        let features = Features::query(instance, physical).enabled();
+        let raw = create_raw(instance, physical, &features, family, queues, &info.name)?;
+
+        // From here on the device is owned by the handle, so that it is destroyed if the allocator cannot be made.
+        // SAFETY: the physical device is one that this instance listed.
+        let core = unsafe { instance.raw().get_physical_device_properties(physical) };
+        let has_names = instance.has(ext::debug_utils::NAME);
+        let naming = Naming(has_names.then(|| ext::debug_utils::Device::new(instance.raw(), &raw)));
+        let handle = DeviceHandle {
+            raw,
+            instance: Arc::clone(instance),
+            naming,
+            limits: limits(&core.limits, family_info.timestamp_valid_bits),
+            info,
+            features,
+            physical,
+            allocator: Mutex::new(None),
+            allocated_bytes: AtomicU64::new(0),
+            gate: RwLock::new(()),
+        };
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.raw().clone(),
+            device: handle.raw.clone(),
+            physical_device: physical,
+            debug_settings: AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            allocation_sizes: AllocationSizes::new(BLOCK_BYTES.0, BLOCK_BYTES.0)
+                .with_max_device_memblock_size(BLOCK_BYTES.1)
+                .with_max_host_memblock_size(BLOCK_BYTES.1),
+        })
+        .map_err(|error| GpuError::Memory { object: handle.info.name.clone(), detail: error.to_string() })?;
+        *handle.allocator.lock().unwrap_or_else(PoisonError::into_inner) = Some(allocator);
+        Ok(Arc::new(handle))
+    }
+
+    /// Bytes that live objects take.
+    pub(crate) fn allocated_bytes(&self) -> u64 {
+        self.allocated_bytes.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for DeviceHandle {
+    fn drop(&mut self) {
+        // The allocator gives its blocks back to the device, so it goes first.
+        drop(self.allocator.get_mut().unwrap_or_else(PoisonError::into_inner).take());
+        // SAFETY: every object of the device holds this handle by Arc, so none is left.
+        unsafe { self.raw.destroy_device(None) };
+    }
+}
+
+fn create_raw(
+    instance: &Instance,
+    physical: vk::PhysicalDevice,
+    features: &Features,
+    family: u32,
+    queues: u32,
+    name: &str,
+) -> Result<ash::Device, GpuError> {
+    let priorities = vec![1.0; queues as usize];
+    let queue_infos = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&priorities)];
+    let mut features = *features;
+    let mut all = vk::PhysicalDeviceFeatures2::default()
+        .features(features.core)
+        .push_next(&mut features.v11)
+        .push_next(&mut features.v12)
+        .push_next(&mut features.v13);
+    let info = vk::DeviceCreateInfo::default().queue_create_infos(&queue_infos).push_next(&mut all);
+    // SAFETY: the physical device is of this instance, has that many queues in that family, and has every feature
+    // asked for; all that `info` points to lives until the call returns.
+    unsafe { instance.raw().create_device(physical, &info, None) }
+        .map_err(|result| GpuError::vulkan(format!("opening device {name:?}"), result))
+}
+
+fn limits(core: &vk::PhysicalDeviceLimits, timestamp_valid_bits: u32) -> Limits {
+    Limits {
+        max_storage_buffer_bytes: u64::from(core.max_storage_buffer_range),
+        max_uniform_buffer_bytes: u64::from(core.max_uniform_buffer_range),
+        max_texel_buffer_elements: u64::from(core.max_texel_buffer_elements),
+        max_push_bytes: core.max_push_constants_size,
+        max_groups: core.max_compute_work_group_count,
+        max_group_size: core.max_compute_work_group_size,
+        max_group_invocations: core.max_compute_work_group_invocations,
+        max_image_px: core.max_image_dimension2_d,
+        max_target_px: [core.max_framebuffer_width, core.max_framebuffer_height],
+        max_color_attachments: core.max_color_attachments,
+        max_stage_uniform_buffers: core.max_per_stage_descriptor_uniform_buffers,
+        max_stage_storage_buffers: core.max_per_stage_descriptor_storage_buffers,
+        max_stage_sampled: core.max_per_stage_descriptor_sampled_images,
+        max_stage_storage_images: core.max_per_stage_descriptor_storage_images,
+        max_stage_resources: core.max_per_stage_resources,
+        timestamp_period_ns: if timestamp_valid_bits > 0 { core.timestamp_period } else { 0.0 },
+        timestamp_valid_bits,
+    }
+}

@@ -1,0 +1,79 @@
+//! Memory of one buffer or image, from the device's allocator.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
+
+use ash::vk;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
+use gpu_allocator::{AllocationError, MemoryLocation};
+
+use crate::error::GpuError;
+use crate::handle::DeviceHandle;
+
+/// A piece of device memory; goes back to the allocator when dropped.
+pub(crate) struct Memory {
+    device: Arc<DeviceHandle>,
+    /// None only while it is being dropped.
+    allocation: Option<Allocation>,
+    bytes: u64,
+}
+
+impl Memory {
+    /// Takes memory that meets `requirements`. What the host can see is always coherent.
+    pub(crate) fn new(
+        device: &Arc<DeviceHandle>,
+        name: &str,
+        requirements: vk::MemoryRequirements,
+        location: MemoryLocation,
+        linear: bool,
+    ) -> Result<Memory, GpuError> {
+        let mut allocator = device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        let allocator = allocator.as_mut().ok_or_else(|| GpuError::misuse(name, "its device is being closed"))?;
+        let description = AllocationCreateDesc {
+            name,
+            requirements,
+            location,
+            linear,
+            allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+        };
+        let allocation = allocator.allocate(&description).map_err(|error| match error {
+            AllocationError::OutOfMemory => {
+                GpuError::OutOfDeviceMemory { operation: format!("taking {} bytes for {name:?}", requirements.size) }
+            }
+            error => GpuError::Memory { object: name.into(), detail: error.to_string() },
+        })?;
+        let bytes = allocation.size();
+        device.allocated_bytes.fetch_add(bytes, Ordering::Relaxed);
+        Ok(Memory { device: Arc::clone(device), allocation: Some(allocation), bytes })
+    }
+
+    /// The memory object and the offset in it, to bind.
+    ///
+    /// # Safety
+    /// Only to bind one object that is destroyed before this memory is dropped.
+    pub(crate) unsafe fn place(&self) -> (vk::DeviceMemory, u64) {
+        match &self.allocation {
+            // SAFETY: the caller does not free the memory object, by this function's contract.
+            Some(allocation) => (unsafe { allocation.memory() }, allocation.offset()),
+            None => (vk::DeviceMemory::null(), 0),
+        }
+    }
+
+    /// Where the host sees it, and how many bytes; None for memory of the device alone.
+    pub(crate) fn mapped(&self) -> Option<(std::ptr::NonNull<u8>, u64)> {
+        let allocation = self.allocation.as_ref()?;
+        Some((allocation.mapped_ptr()?.cast(), allocation.size()))
+    }
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        let mut allocator = self.device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        if let (Some(allocator), Some(allocation)) = (allocator.as_mut(), self.allocation.take()) {
+            self.device.allocated_bytes.fetch_sub(self.bytes, Ordering::Relaxed);
+            if let Err(error) = allocator.free(allocation) {
+                tracing::error!(%error, "memory could not be given back");
+            }
+        }
+    }
+}
