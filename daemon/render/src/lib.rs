@@ -1,1 +1,34 @@
 //! The passes, their order, and what each change makes stale.
+//!
+//! What a pixel *hits* depends on the projector, the props and nothing else; what it *shows* depends on the eye. The two are
+//! separate passes with buffers between them ([`primary`] and [`light`], then [`secondary`]), so that a moving eye costs the last
+//! alone ([`stale`] is the table). [`composite`] turns the result into colour and depth in the projector's own convention,
+//! [`raster`] draws what the rasteriser owns against it, [`resolve`] ends with the picture.
+//!
+//! A pass knows the buffers it reads and writes, not who asked; [`projector`] knows their order, [`renderer`] a device's projectors.
+
+mod catalogue;
+mod error;
+mod frame;
+mod pipelines;
+mod readback;
+mod room;
+mod scene_buffers;
+pub mod shaders;
+pub mod stale;
+mod targets;
+
+pub mod blend;
+pub mod composite;
+pub mod light;
+pub mod primary;
+pub mod projector;
+pub mod raster;
+pub mod renderer;
+pub mod resolve;
+pub mod secondary;
+
+pub use error::RenderError;
+pub use frame::{GpuFrame, MAX_VIEWERS, Snapshot};
+pub use readback::{Layer, LayerImage, Texels};
+pub use renderer::{FrameReport, ProjectorReport, ProjectorSpec, RasterOrder, RayCounts, Renderer, Settings};

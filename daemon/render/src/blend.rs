@@ -1,0 +1,12 @@
+//! Blend weights: this projector's share of the light at the point that each pixel shows.
+//!
+//! Reads `Hits`, `Closest` and every projector's frustum; writes `Weight`. DESIGN section 2, Light from many projectors.
+
+use lantern_gpu::{GpuError, Recorder};
+
+use crate::projector::{Bound, Plane};
+
+/// Records the pass.
+pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, groups: [u32; 3]) -> Result<(), GpuError> {
+    bound.each_plane(recorder, "blend", |p: &Plane| &p.blend, |l| &l.blend, groups)
+}

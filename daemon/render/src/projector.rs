@@ -1,0 +1,204 @@
+//! One projector: its targets, and the order of its passes.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use lantern_calibration::{Frustum, GpuFrustum};
+use lantern_gpu::{Bindings, Buffer, Commands, ComputePipeline, Device, GpuError, Recorder};
+use lantern_scene::Scene;
+
+use crate::catalogue::Catalogue;
+use crate::frame::GpuFrame;
+use crate::pipelines::Pipelines;
+use crate::raster::RasterNode;
+use crate::renderer::{ProjectorSpec, RasterOrder, Settings};
+use crate::stale::Stale;
+use crate::targets::Targets;
+use crate::{RenderError, blend, composite, light, primary, raster, resolve, secondary, shaders};
+
+/// What the passes over one sample plane bind.
+pub(crate) struct Plane {
+    pub(crate) primary: Arc<Bindings>,
+    pub(crate) light: Arc<Bindings>,
+    pub(crate) secondary: Arc<Bindings>,
+    pub(crate) blend: Arc<Bindings>,
+}
+
+/// Every pass of a projector with what it binds; made anew when a buffer of the scene is replaced.
+pub(crate) struct Bound {
+    pub(crate) pipelines: Arc<Pipelines>,
+    planes: Vec<Plane>,
+    pub(crate) composite: Arc<Bindings>,
+    pub(crate) raster: Arc<Bindings>,
+    pub(crate) resolve: Arc<Bindings>,
+}
+
+impl Bound {
+    fn new(pipelines: &Arc<Pipelines>, targets: &Targets, scene: &Catalogue) -> Result<Self, GpuError> {
+        let all = targets.list(scene.clone());
+        let plane = |hits: &Arc<Buffer>| {
+            let all = all.clone().with_buffer("Hits", hits);
+            Ok::<_, GpuError>(Plane {
+                primary: all.bind(&*pipelines.primary, &[&shaders::PRIMARY_COMP])?,
+                light: all.bind(&*pipelines.light, &[&shaders::LIGHT_COMP])?,
+                secondary: all.bind(&*pipelines.secondary, &[&shaders::SECONDARY_COMP])?,
+                blend: all.bind(&*pipelines.blend, &[&shaders::BLEND_COMP])?,
+            })
+        };
+        Ok(Self {
+            planes: targets.hits.iter().map(plane).collect::<Result<_, _>>()?,
+            composite: all.bind(&*pipelines.composite_first, &[&shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG])?,
+            raster: all.bind(&*pipelines.raster, &[&shaders::RASTER_VERT, &shaders::RASTER_FRAG])?,
+            resolve: all.bind(&*pipelines.resolve, &[&shaders::RESOLVE_COMP])?,
+            pipelines: pipelines.clone(),
+        })
+    }
+
+    /// One dispatch a sample plane: no invocation does more than one sample, which keeps its loops far below the 65,535 turns
+    /// after which lavapipe 22.3 ends them silently.
+    pub(crate) fn each_plane(
+        &self,
+        recorder: &mut Recorder,
+        span: &'static str,
+        bindings: impl Fn(&Plane) -> &Arc<Bindings>,
+        pipeline: impl Fn(&Pipelines) -> &Arc<ComputePipeline>,
+        groups: [u32; 3],
+    ) -> Result<(), GpuError> {
+        recorder.span(span, |recorder| {
+            for (sample, plane) in self.planes.iter().enumerate() {
+                let push = [sample as u32, 0];
+                recorder.dispatch(pipeline(&self.pipelines), bindings(plane), bytemuck::bytes_of(&push), groups)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+/// A projector's side of the device.
+pub(crate) struct Projector {
+    pub(crate) spec: ProjectorSpec,
+    pub(crate) frustum: Frustum,
+    pub(crate) targets: Targets,
+    pub(crate) queue: usize,
+    bound: Option<Bound>,
+    raster_nodes: Vec<RasterNode>,
+    pub(crate) stale: Stale,
+    pub(crate) shown_viewers: Vec<DVec3>,
+    state_written: bool,
+}
+
+impl Projector {
+    pub(crate) fn new(device: &Arc<Device>, spec: ProjectorSpec, queue: usize, samples: u32) -> Result<Self, RenderError> {
+        let frustum = Frustum::new(spec.calibration);
+        let size_px = spec.calibration.resolution_px();
+        let targets = Targets::new(device, &spec.name, size_px.to_array(), samples)?;
+        Ok(Self {
+            spec,
+            frustum,
+            targets,
+            queue,
+            bound: None,
+            raster_nodes: Vec::new(),
+            stale: Stale::EVERYTHING,
+            shown_viewers: Vec::new(),
+            state_written: false,
+        })
+    }
+
+    /// Takes a revision: what it draws, and, where `rebound`, the buffers that it reads.
+    pub(crate) fn take(
+        &mut self,
+        scene: &Scene,
+        catalogue: &Catalogue,
+        pipelines: &Arc<Pipelines>,
+        rebound: bool,
+    ) -> Result<(), GpuError> {
+        self.raster_nodes = raster::nodes(scene);
+        if rebound || self.bound.is_none() {
+            self.bound = Some(Bound::new(pipelines, &self.targets, catalogue)?);
+        }
+        Ok(())
+    }
+
+    /// Records what is stale, in the order in which each pass reads the last one's buffers.
+    pub(crate) fn record(&mut self, device: &Arc<Device>, settings: &Settings) -> Result<Option<Commands>, GpuError> {
+        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.any()) else { return Ok(None) };
+        let mut recorder = Recorder::new(device, self.queue, &self.spec.name)?;
+        if !self.state_written {
+            let words = sample_state(&self.spec.name, settings.samples);
+            recorder.upload(&self.targets.sample_state, 0, bytemuck::cast_slice(&words))?;
+        }
+        recorder.fill(&self.targets.counters, 0)?;
+        let groups = self.targets.groups();
+        let passes: [(bool, fn(&mut Recorder, &Bound, [u32; 3]) -> Result<(), GpuError>); 4] = [
+            (self.stale.primary, primary::record),
+            (self.stale.light, light::record),
+            (self.stale.weight, blend::record),
+            (self.stale.look, secondary::record),
+        ];
+        for (stale, record) in passes {
+            if stale {
+                record(&mut recorder, bound, groups)?;
+            }
+        }
+        recorder.span("composite", |recorder| self.record_composite(recorder, bound, settings, groups))?;
+        recorder.finish().map(Some)
+    }
+
+    /// Where nothing is rasterised one composite serves the pixel. Otherwise every stratum is composited on its own, so that
+    /// the rasteriser samples a pixel as finely as the rays do.
+    fn record_composite(
+        &self,
+        recorder: &mut Recorder,
+        bound: &Bound,
+        settings: &Settings,
+        groups: [u32; 3],
+    ) -> Result<(), GpuError> {
+        let strata = if self.raster_nodes.is_empty() { 1 } else { settings.samples.isqrt() };
+        let order = if self.raster_nodes.is_empty() { RasterOrder::After } else { settings.raster };
+        for pass in 0..strata * strata {
+            let from_centre = |i: u32| (i as f32 + 0.5) / strata as f32 - 0.5;
+            let offset_px = [from_centre(pass % strata), from_centre(pass / strata)];
+            composite::record(recorder, bound, &self.targets, &self.raster_nodes, order, offset_px)?;
+            resolve::record(recorder, bound, pass, strata * strata, groups)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the block that the recorded passes read. Called as late as the newest pose allows: right before the submission.
+    pub(crate) fn write_frame(
+        &mut self,
+        scene: &Scene,
+        viewers: &[DVec3],
+        settings: &Settings,
+        index: (usize, usize),
+    ) -> Result<(), GpuError> {
+        if self.stale.look {
+            self.shown_viewers = viewers.to_vec();
+        }
+        let frustum = GpuFrustum::new(&self.frustum, scene.origin_m);
+        let frame = GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index);
+        self.targets.frame.write(0, bytemuck::bytes_of(&frame))
+    }
+
+    /// What was recorded has been shown.
+    pub(crate) fn done(&mut self) {
+        self.stale = Stale::NOTHING;
+        self.state_written = true;
+    }
+}
+
+/// The random state of a projector: one word a sample, from its name, so that the same scene gives the same image.
+pub(crate) fn sample_state(name: &str, samples: u32) -> Vec<u32> {
+    // FNV-1a for the name, SplitMix64 (Steele, Lea and Flood, OOPSLA 2014) for the words.
+    let mut state = name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
+    (0..samples)
+        .map(|_| {
+            state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mut z = state;
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) >> 32) as u32
+        })
+        .collect()
+}

@@ -1,0 +1,311 @@
+//! The projectors of one device, and a frame of all of them.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+use lantern_calibration::{Calibration, GpuFrustum};
+use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder, Submission};
+use lantern_scene::{Scene, changes};
+
+use crate::catalogue::Catalogue;
+use crate::pipelines::Pipelines;
+use crate::projector::Projector;
+use crate::readback::{self, Layer, LayerImage};
+use crate::scene_buffers::SceneBuffers;
+use crate::stale::{Change, Stale, stale_by};
+use crate::{RenderError, room};
+
+/// A projector as the configuration has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProjectorSpec {
+    /// Its name; also the seed of its jitter.
+    pub name: String,
+    /// Its matrix, depth convention and resolution.
+    pub calibration: Calibration,
+}
+
+/// When raster nodes are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RasterOrder {
+    /// Before the traced image.
+    Before,
+    /// After it.
+    #[default]
+    After,
+}
+
+/// How to render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Samples a pixel: 1, 4, 9, 16, … 256.
+    pub samples: u32,
+    /// Secondary rays deep.
+    pub max_depth: u32,
+    /// When raster nodes are drawn.
+    pub raster: RasterOrder,
+    /// Whether projectors share the light of what several of them reach.
+    pub blend: bool,
+    /// Count rays by kind.
+    pub count_rays: bool,
+    /// The naive method: reflect each projector's own ray. For the test that shows it to be wrong.
+    pub eye_at_projector: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { samples: 4, max_depth: 8, raster: RasterOrder::After, blend: true, count_rays: false, eye_at_projector: false }
+    }
+}
+
+/// Rays of one frame of one projector, by kind. Twin of `Counters` in `shaders-glsl/include/counters.glsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct RayCounts {
+    /// From the projector.
+    pub primary: u32,
+    /// From the eye's line of sight on.
+    pub secondary: u32,
+    /// Toward lights.
+    pub shadow: u32,
+    /// Toward other projectors.
+    pub blend: u32,
+    /// Most loop turns of one invocation.
+    pub most_steps: u32,
+}
+
+/// What a projector's frame cost.
+#[derive(Clone, Debug)]
+pub struct ProjectorReport {
+    /// Which projector.
+    pub projector: usize,
+    /// From the submission to the completion that the host saw, ms.
+    pub frame_ms: f64,
+    /// Device time by stage, ms.
+    pub stages_ms: Vec<(&'static str, f64)>,
+    /// From reading the newest pose to the submission that uses it, ms.
+    pub pose_to_submit_ms: f64,
+    /// What was made anew.
+    pub stale: Stale,
+    /// Rays, where [`Settings::count_rays`] asks for them.
+    pub rays: Option<RayCounts>,
+}
+
+/// A frame that was rendered.
+#[derive(Clone, Debug)]
+pub struct FrameReport {
+    /// The scene's revision that it shows.
+    pub revision: u64,
+    /// One for each projector that had something to do.
+    pub projectors: Vec<ProjectorReport>,
+}
+
+/// Longer than any frame, even of a software driver: what takes longer has hung.
+pub(crate) const HUNG_AFTER: Duration = Duration::from_secs(60);
+
+/// Renders for the projectors of one device.
+pub struct Renderer {
+    device: Arc<Device>,
+    pipelines: Arc<Pipelines>,
+    settings: Settings,
+    scene_buffers: SceneBuffers,
+    scene: Arc<Scene>,
+    projectors: Vec<Projector>,
+    /// Every projector's frustum, which the blend pass of each reads.
+    frusta: Arc<Buffer>,
+    frusta_written: bool,
+    rebind: bool,
+}
+
+impl Renderer {
+    /// Makes everything that frames need; renders nothing.
+    ///
+    /// # Errors
+    /// [`RenderError::Samples`], or what Vulkan says.
+    pub fn new(
+        device: &Arc<Device>,
+        specs: Vec<ProjectorSpec>,
+        settings: Settings,
+        scene: Arc<Scene>,
+    ) -> Result<Self, RenderError> {
+        let n = settings.samples.isqrt();
+        if n == 0 || n > 16 || n * n != settings.samples {
+            return Err(RenderError::Samples(settings.samples));
+        }
+        let projectors = specs
+            .into_iter()
+            .enumerate()
+            .map(|(i, spec)| Projector::new(device, spec, i, settings.samples))
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            device: device.clone(),
+            pipelines: Arc::new(Pipelines::new(device, &settings)?),
+            settings,
+            scene_buffers: SceneBuffers::new(device)?,
+            scene,
+            frusta: frusta_buffer(device, projectors.len())?,
+            frusta_written: false,
+            projectors,
+            rebind: true,
+        })
+    }
+
+    /// The device.
+    pub fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    /// How it renders.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The scene that the next frame shows.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The projectors, in order.
+    pub fn projectors(&self) -> impl ExactSizeIterator<Item = &ProjectorSpec> {
+        self.projectors.iter().map(|p| &p.spec)
+    }
+
+    /// Which queue a projector's work goes to.
+    pub fn queue(&self, projector: usize) -> &lantern_gpu::Queue {
+        self.device.queue(projector)
+    }
+
+    /// Takes another revision of the scene for the next frame.
+    pub fn set_scene(&mut self, scene: Arc<Scene>) {
+        if Arc::ptr_eq(&self.scene, &scene) {
+            return;
+        }
+        let mut stale = stale_by(&changes(&self.scene, &scene));
+        if scene.origin_m != self.scene.origin_m {
+            stale = Stale::EVERYTHING;
+            self.frusta_written = false;
+        }
+        self.scene = scene;
+        self.make_stale(stale);
+    }
+
+    /// Makes something stale on every projector; for benches, and for tests of what a frame redoes.
+    pub fn make_stale(&mut self, stale: Stale) {
+        for projector in &mut self.projectors {
+            projector.stale |= stale;
+        }
+    }
+
+    /// Renders what is stale. `newest_viewers` is asked twice: to learn whether an eye has moved, and again right before the
+    /// submissions, whose frames all show what that second answer says. `None`: nothing was stale, nothing was submitted.
+    ///
+    /// # Errors
+    /// What Vulkan says; what was stale stays so.
+    pub fn render(&mut self, newest_viewers: impl Fn() -> Vec<DVec3>) -> Result<Option<FrameReport>, RenderError> {
+        // An eye that has moved makes stale only what depends on it.
+        let viewers = newest_viewers();
+        for projector in &mut self.projectors {
+            if projector.shown_viewers != viewers {
+                projector.stale |= Change::Eye.makes_stale();
+            }
+        }
+        if !self.projectors.iter().any(|p| p.stale.any()) {
+            return Ok(None);
+        }
+        let uploaded = self.upload().inspect_err(|_| self.scene_buffers.forget())?;
+
+        // Everything is recorded before the pose is read, so that nothing but a small write lies between the two.
+        let mut recorded = Vec::new();
+        for (index, projector) in self.projectors.iter_mut().enumerate() {
+            if let Some(commands) = projector.record(&self.device, &self.settings)? {
+                recorded.push((index, commands));
+            }
+        }
+        let count = self.projectors.len();
+        let read = Instant::now();
+        let viewers = newest_viewers();
+        for (index, _) in &recorded {
+            self.projectors[*index].write_frame(&self.scene, &viewers, &self.settings, (*index, count))?;
+        }
+        let mut flying = Vec::new();
+        for (index, commands) in recorded {
+            let wait_for: Vec<&Submission> = uploaded.iter().collect();
+            let submitted = Instant::now();
+            let submission = self.device.submit(commands, &wait_for)?;
+            flying.push((index, submission, submitted, submitted.duration_since(read)));
+        }
+
+        // The frame is whole when the last projector's part of it is.
+        let mut reports = Vec::new();
+        for (index, submission, submitted, pose_to_submit) in flying {
+            submission.wait(HUNG_AFTER)?;
+            let frame_ms = submitted.elapsed().as_secs_f64() * 1e3;
+            reports.push(ProjectorReport {
+                projector: index,
+                frame_ms,
+                stages_ms: submission.spans().into_iter().map(|(name, start, end)| (name, end - start)).collect(),
+                pose_to_submit_ms: pose_to_submit.as_secs_f64() * 1e3,
+                stale: self.projectors[index].stale,
+                rays: None,
+            });
+            self.projectors[index].done();
+        }
+        if self.settings.count_rays {
+            for report in &mut reports {
+                let words = readback::read_words(&self.device, &self.projectors[report.projector].targets.counters)?;
+                report.rays = Some(bytemuck::cast_slice(&words)[0]);
+            }
+        }
+        Ok(Some(FrameReport { revision: self.scene.revision, projectors: reports }))
+    }
+
+    /// Brings the scene's changed sections and the frusta to the device. `None` where nothing had to be.
+    fn upload(&mut self) -> Result<Option<Submission>, GpuError> {
+        let differs = self.scene_buffers.differs(&self.scene);
+        let mut submission = None;
+        if differs || !self.frusta_written {
+            let mut recorder = Recorder::new(&self.device, 0, "upload")?;
+            self.rebind |= self.scene_buffers.update(&mut recorder, &self.scene)?;
+            let frusta: Vec<GpuFrustum> =
+                self.projectors.iter().map(|p| GpuFrustum::new(&p.frustum, self.scene.origin_m)).collect();
+            recorder.upload(&self.frusta, 0, bytemuck::cast_slice(&frusta))?;
+            submission = Some(self.device.submit(recorder.finish()?, &[])?);
+            self.frusta_written = true;
+        }
+        let catalogue = self.catalogue();
+        for projector in &mut self.projectors {
+            projector.take(&self.scene, &catalogue, &self.pipelines, self.rebind)?;
+        }
+        self.rebind = false;
+        Ok(submission)
+    }
+
+    /// What the projectors of this device share.
+    fn catalogue(&self) -> Catalogue {
+        self.scene_buffers.list(Catalogue::default()).with_buffer("Projectors", &self.frusta)
+    }
+
+    /// Reads a layer of the frame that was shown last.
+    ///
+    /// # Errors
+    /// [`RenderError::NoProjector`], or what Vulkan says.
+    pub fn read(&self, projector: usize, layer: Layer) -> Result<LayerImage, RenderError> {
+        let of = self.projectors.get(projector).ok_or(RenderError::NoProjector(projector))?;
+        readback::read(&self.device, of, layer)
+    }
+
+    /// What a viewer's eye sees of the lit props: every projector's picture, through its own calibration, linear, `size_px`.
+    ///
+    /// # Errors
+    /// What Vulkan says.
+    pub fn room(&self, eye: DVec3, size_px: [u32; 2]) -> Result<LayerImage, RenderError> {
+        let of = room::View { scene: &self.scene, settings: &self.settings, projectors: &self.projectors };
+        room::render(&self.device, &self.pipelines, &self.catalogue(), &of, eye, size_px)
+    }
+}
+
+fn frusta_buffer(device: &Arc<Device>, count: usize) -> Result<Arc<Buffer>, GpuError> {
+    let bytes = (count.max(1) * size_of::<GpuFrustum>()) as u64;
+    Buffer::new(device, "frusta", BufferKind::Storage, bytes)
+}

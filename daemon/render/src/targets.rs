@@ -1,0 +1,92 @@
+//! The buffers and images of one projector.
+
+use std::sync::Arc;
+
+use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Image, ImageFormat, ImageUsage};
+
+use crate::catalogue::Catalogue;
+use crate::frame::GpuFrame;
+
+/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 8 for each sample plane, and 128.
+pub(crate) struct Targets {
+    /// Columns and rows.
+    pub(crate) size_px: [u32; 2],
+    /// The block that shaders read; host-visible, written right before the submission.
+    pub(crate) frame: Arc<Buffer>,
+    /// One word a stratum, from which jitter is generated.
+    pub(crate) sample_state: Arc<Buffer>,
+    /// One plane a sample: instance and triangle, 8 bytes a pixel.
+    pub(crate) hits: Vec<Arc<Buffer>>,
+    /// Distance, and sample and instance, of the closest sample.
+    pub(crate) closest: Arc<Buffer>,
+    /// Eye-independent light.
+    pub(crate) light: Arc<Buffer>,
+    /// What the eye adds.
+    pub(crate) look: Arc<Buffer>,
+    /// Blend weight.
+    pub(crate) weight: Arc<Buffer>,
+    /// Attachments of the composite and raster passes.
+    pub(crate) radiance_image: Arc<Image>,
+    pub(crate) node_image: Arc<Image>,
+    pub(crate) depth_image: Arc<Image>,
+    /// What is shown: linear radiance and weight; window z and node; 8-bit sRGB.
+    pub(crate) shown: Arc<Buffer>,
+    pub(crate) depth_and_node: Arc<Buffer>,
+    pub(crate) color: Arc<Buffer>,
+    /// Rays by kind.
+    pub(crate) counters: Arc<Buffer>,
+}
+
+/// Words of `Counters` in `shaders-glsl/include/counters.glsl`.
+pub(crate) const COUNTER_WORDS: u64 = 5;
+
+impl Targets {
+    pub(crate) fn new(device: &Arc<Device>, name: &str, size_px: [u32; 2], samples: u32) -> Result<Self, GpuError> {
+        let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
+        let storage = |what: &str, bytes: u64| Buffer::new(device, &format!("{name}/{what}"), BufferKind::Storage, bytes);
+        let image = |what: &str, format, usage| {
+            Image::new(device, &format!("{name}/{what}"), size_px[0], size_px[1], format, usage)
+        };
+        let color_usage = ImageUsage::COLOR | ImageUsage::SAMPLED;
+        Ok(Self {
+            size_px,
+            frame: Buffer::new(device, &format!("{name}/frame"), BufferKind::Uniform, size_of::<GpuFrame>() as u64)?,
+            sample_state: storage("sample state", u64::from(samples) * 4)?,
+            hits: (0..samples).map(|s| storage(&format!("hits {s}"), pixels * 8)).collect::<Result<_, _>>()?,
+            closest: storage("closest", pixels * 8)?,
+            light: storage("light", pixels * 16)?,
+            look: storage("look", pixels * 16)?,
+            weight: storage("weight", pixels * 4)?,
+            radiance_image: image("radiance", ImageFormat::Rgba32Float, color_usage)?,
+            node_image: image("node", ImageFormat::R32Float, color_usage)?,
+            depth_image: image("depth", ImageFormat::Depth32, ImageUsage::DEPTH | ImageUsage::SAMPLED)?,
+            shown: storage("shown", pixels * 16)?,
+            depth_and_node: storage("depth and node", pixels * 8)?,
+            color: storage("color", pixels * 4)?,
+            counters: storage("counters", COUNTER_WORDS * 4)?,
+        })
+    }
+
+    /// Adds everything but the hits, of which there is one a sample.
+    pub(crate) fn list(&self, catalogue: Catalogue) -> Catalogue {
+        catalogue
+            .with_buffer("Frame", &self.frame)
+            .with_buffer("SampleState", &self.sample_state)
+            .with_buffer("Closest", &self.closest)
+            .with_buffer("Light", &self.light)
+            .with_buffer("Look", &self.look)
+            .with_buffer("Weight", &self.weight)
+            .with_image("radiance_image", &self.radiance_image)
+            .with_image("node_image", &self.node_image)
+            .with_image("depth_image", &self.depth_image)
+            .with_buffer("Shown", &self.shown)
+            .with_buffer("DepthAndNode", &self.depth_and_node)
+            .with_buffer("Color", &self.color)
+            .with_buffer("Counters", &self.counters)
+    }
+
+    /// Workgroups of 8 × 8 that cover the image.
+    pub(crate) fn groups(&self) -> [u32; 3] {
+        [self.size_px[0].div_ceil(8), self.size_px[1].div_ceil(8), 1]
+    }
+}
