@@ -1,1 +1,14 @@
 //! Lanternd, the render daemon, and lanternctl, the operator's hand.
+//!
+//! - [`program`]: what `lanternd` can be asked to do;
+//! - [`service`]: the daemon at work;
+//! - [`control`]: the control socket;
+//! - [`output`]: where an image goes, and when it is due;
+//! - [`encode`]: layers as files.
+
+pub mod control;
+pub mod encode;
+pub mod output;
+pub mod program;
+pub mod service;
+pub mod socket_path;

@@ -1,0 +1,5 @@
+//! Where an image goes, and when it is due.
+
+mod headless;
+
+pub use headless::Headless;

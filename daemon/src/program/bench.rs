@@ -1,0 +1,236 @@
+//! `lanternd bench`: times stages as CONTRACT, Bench, says.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use comfy_table::{Table, presets};
+use glam::DVec3;
+use hdrhistogram::Histogram;
+use lantern_gpu::Device;
+use lantern_render::stale::Stale;
+use lantern_render::{ProjectorReport, RayCounts, Renderer, Settings};
+use lantern_scene::Editor;
+use serde_json::{Value, json};
+
+use crate::service::setup::{self, Loaded};
+
+/// Frames before the ones that count.
+const WARM_UP: u32 = 2;
+
+/// What changes from frame to frame.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Case {
+    /// Nothing.
+    Static,
+    /// The eye.
+    Viewer,
+    /// One prop.
+    Node,
+    /// Everything is traced anew.
+    Full,
+}
+
+impl Case {
+    const ALL: [Self; 4] = [Self::Static, Self::Viewer, Self::Node, Self::Full];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Static => "static",
+            Self::Viewer => "viewer",
+            Self::Node => "node",
+            Self::Full => "full",
+        }
+    }
+}
+
+/// One projector's times in a case, µs.
+struct Times {
+    frame: Histogram<u64>,
+    stages: BTreeMap<&'static str, Histogram<u64>>,
+    rays: RayCounts,
+}
+
+fn histogram() -> Histogram<u64> {
+    #[expect(clippy::unwrap_used, reason = "the constant is a valid precision")]
+    Histogram::new(3).unwrap()
+}
+
+/// Times `frames` frames of each case and prints them. Where `config` is absent, of the demo.
+///
+/// # Errors
+/// A bad configuration or no Vulkan.
+pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Result<()> {
+    let mut loaded = match config {
+        Some(path) => setup::load(path)?,
+        None => setup::from_config(super::demo::config()?, "config/demo.toml")?,
+    };
+    let device = super::open_device(&super::open_vulkan()?, &loaded.config)?;
+    let settings = setup::settings(&loaded.config);
+
+    // Rays are counted in a run of their own: counting costs time.
+    let mut cases = BTreeMap::new();
+    for counting in [true, false] {
+        let settings = Settings { count_rays: counting, ..settings };
+        let mut renderer = Renderer::new(&device, loaded.projectors.clone(), settings, loaded.editor.current())?;
+        for case in Case::ALL {
+            let frames = if counting { 1 } else { frames };
+            let times = run_case(&mut renderer, &mut loaded.editor, case, frames)?;
+            let kept = cases.entry(case.name()).or_insert_with(BTreeMap::new);
+            for (projector, mut t) in times {
+                if let Some(counted) = kept.get(&projector).map(|k: &Times| k.rays) {
+                    t.rays = counted;
+                }
+                kept.insert(projector, t);
+            }
+        }
+    }
+    if as_json {
+        println!("{}", serde_json::to_string_pretty(&to_json(&device, &loaded, &settings, &cases, frames))?);
+    } else {
+        println!("{}", to_text(&device, &loaded, &settings, &cases, frames));
+    }
+    Ok(())
+}
+
+fn run_case(
+    renderer: &mut Renderer,
+    editor: &mut Editor,
+    case: Case,
+    frames: u32,
+) -> anyhow::Result<BTreeMap<String, Times>> {
+    let names: Vec<String> = renderer.projectors().map(|p| p.name.clone()).collect();
+    let mut all: BTreeMap<String, Times> = names
+        .iter()
+        .map(|n| (n.clone(), Times { frame: histogram(), stages: BTreeMap::new(), rays: RayCounts::default() }))
+        .collect();
+    // The first prop is the one that moves; a scene without nodes has none to move.
+    let prop = renderer.scene().nodes.last().map(|n| (n.name.clone(), n.translation_m, n.rotation));
+    let mut eye = DVec3::new(0.0, 1.6, 2.2);
+    for frame in 0..WARM_UP + frames {
+        let phase = f64::from(frame) * 0.7;
+        match case {
+            Case::Static => {}
+            Case::Viewer => eye = DVec3::new(0.3 * phase.sin(), 1.6 + 0.1 * phase.cos(), 2.2),
+            Case::Node => {
+                if let Some((name, translation, rotation)) = &prop {
+                    let moved = *translation + DVec3::new(0.01 * phase.sin(), 0.0, 0.01 * phase.cos());
+                    renderer.set_scene(editor.place(name, moved, *rotation)?);
+                }
+            }
+            Case::Full => renderer.make_stale(Stale::EVERYTHING),
+        }
+        let start = std::time::Instant::now();
+        let report = renderer.render(|| vec![eye])?;
+        let took = start.elapsed().as_micros() as u64;
+        if frame < WARM_UP {
+            continue;
+        }
+        match report {
+            Some(report) => {
+                for p in &report.projectors {
+                    if let Some(times) = all.get_mut(&names[p.projector]) {
+                        add(times, p);
+                    }
+                }
+            }
+            None => all.values_mut().for_each(|t| t.frame.saturating_record(took.max(1))),
+        }
+    }
+    if let Some((name, translation, rotation)) = &prop {
+        renderer.set_scene(editor.place(name, *translation, *rotation)?);
+    }
+    Ok(all)
+}
+
+fn add(times: &mut Times, report: &ProjectorReport) {
+    times.frame.saturating_record(((report.frame_ms * 1e3) as u64).max(1));
+    for (stage, ms) in &report.stages_ms {
+        times.stages.entry(stage).or_insert_with(histogram).saturating_record(((ms * 1e3) as u64).max(1));
+    }
+    times.rays = report.rays.unwrap_or(times.rays);
+}
+
+fn ms(histogram: &Histogram<u64>, quantile: f64) -> f64 {
+    histogram.value_at_quantile(quantile) as f64 / 1e3
+}
+
+/// Rays of a kind and the stage that traces them.
+fn kinds(rays: &RayCounts) -> [(&'static str, u32, &'static [&'static str]); 4] {
+    [
+        ("primary", rays.primary, &["primary"]),
+        ("secondary", rays.secondary, &["secondary"]),
+        ("shadow", rays.shadow, &["light", "secondary"]),
+        ("blend", rays.blend, &["blend"]),
+    ]
+}
+
+/// Millions of rays a second: those of a kind over the time of the stages that trace them, other kinds' included.
+fn mray_s(times: &Times, count: u32, stages: &[&str]) -> Option<f64> {
+    let spent: f64 = stages.iter().filter_map(|s| times.stages.get(s)).map(|h| ms(h, 0.5)).sum();
+    (spent > 0.0 && count > 0).then(|| f64::from(count) / spent / 1e3)
+}
+
+type Cases = BTreeMap<&'static str, BTreeMap<String, Times>>;
+
+fn to_json(device: &Arc<Device>, loaded: &Loaded, settings: &Settings, cases: &Cases, frames: u32) -> Value {
+    let percentiles = |h: &Histogram<u64>| json!({ "p50": ms(h, 0.5), "p95": ms(h, 0.95) });
+    let of_projector = |times: &Times| {
+        let stages: BTreeMap<_, _> = times.stages.iter().map(|(s, h)| (*s, percentiles(h))).collect();
+        let rays: BTreeMap<_, _> = kinds(&times.rays).into_iter().map(|(k, n, _)| (k, n)).collect();
+        let speed: BTreeMap<_, _> =
+            kinds(&times.rays).into_iter().filter_map(|(k, n, s)| Some((k, mray_s(times, n, s)?))).collect();
+        json!({ "frame_ms": percentiles(&times.frame), "stages_ms": stages, "rays": rays, "mray_s": speed })
+    };
+    let of_case = |projectors: &BTreeMap<String, Times>| {
+        let all: BTreeMap<_, _> = projectors.iter().map(|(name, t)| (name, of_projector(t))).collect();
+        json!({ "projectors": all })
+    };
+    let scene = loaded.editor.current();
+    let resolutions: BTreeMap<_, _> =
+        loaded.projectors.iter().map(|p| (&p.name, p.calibration.resolution_px().to_array())).collect();
+    json!({
+        "device": { "name": device.info().name, "driver": device.info().driver_info, "kind": device.info().kind },
+        "scene": { "nodes": scene.nodes.len(), "triangles": scene.triangle_count(), "bytes": scene.device_bytes() },
+        "resolution_px": resolutions,
+        "samples": settings.samples,
+        "max_depth": settings.max_depth,
+        "frames": frames,
+        "gpu_bytes": device.allocated_bytes(),
+        "cases": cases.iter().map(|(case, p)| (*case, of_case(p))).collect::<BTreeMap<_, _>>(),
+    })
+}
+
+fn to_text(device: &Arc<Device>, loaded: &Loaded, settings: &Settings, cases: &Cases, frames: u32) -> String {
+    let scene = loaded.editor.current();
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header(["case", "projector", "frame ms p50", "p95", "stages ms p50", "rays", "Mray/s"]);
+    for case in Case::ALL {
+        for (projector, times) in &cases[case.name()] {
+            let stages: Vec<_> = times.stages.iter().map(|(s, h)| format!("{s} {:.2}", ms(h, 0.5))).collect();
+            let counted: Vec<_> = kinds(&times.rays).into_iter().filter(|(_, n, _)| *n > 0).collect();
+            let rays: Vec<_> = counted.iter().map(|(k, n, _)| format!("{k} {n}")).collect();
+            let speed: Vec<_> =
+                counted.iter().filter_map(|(k, n, s)| Some(format!("{k} {:.2}", mray_s(times, *n, s)?))).collect();
+            table.add_row([
+                case.name().to_owned(),
+                projector.clone(),
+                format!("{:.3}", ms(&times.frame, 0.5)),
+                format!("{:.3}", ms(&times.frame, 0.95)),
+                stages.join("\n"),
+                rays.join("\n"),
+                speed.join("\n"),
+            ]);
+        }
+    }
+    format!(
+        "{} ({}); {} nodes, {} triangles; {} samples a pixel; {frames} frames a case; {:.1} MiB of GPU memory\n{table}",
+        device.info().name,
+        device.info().driver_info,
+        scene.nodes.len(),
+        scene.triangle_count(),
+        settings.samples,
+        device.allocated_bytes() as f64 / f64::from(1 << 20),
+    )
+}

@@ -1,0 +1,142 @@
+//! `lanternd check`: loads everything, renders nothing, and says in words what each projector sees.
+
+use std::path::Path;
+
+use glam::DVec2;
+use lantern_calibration::Frustum;
+use lantern_calibration::describe::Description;
+use lantern_render::ProjectorSpec;
+use lantern_scene::Scene;
+use lantern_scene::pack::{ROLE_MASK, ROLE_PROP};
+use serde_json::{Value, json};
+
+use crate::service::setup::{self, Loaded, Problems};
+
+/// Columns of the grid of rays by which the share of pixels that hit a prop is estimated.
+const GRID: u32 = 160;
+
+/// Prints what a configuration amounts to. True when nothing is wrong with it.
+///
+/// # Errors
+/// When the result cannot be printed.
+pub fn check(path: &Path, as_json: bool) -> anyhow::Result<bool> {
+    match setup::load(path) {
+        Ok(loaded) => {
+            let projectors: Vec<Seen> = loaded.projectors.iter().map(|p| see(p, &loaded.editor.current())).collect();
+            if as_json {
+                println!("{}", serde_json::to_string_pretty(&to_json(path, &loaded, &projectors))?);
+            } else {
+                print_text(path, &loaded, &projectors);
+            }
+            Ok(true)
+        }
+        Err(Problems(problems)) => {
+            if as_json {
+                let all: Vec<Value> = problems
+                    .iter()
+                    .map(|p| json!({ "file": p.file, "line": p.line, "column": p.column, "message": p.message, "hint": p.hint }))
+                    .collect();
+                println!("{}", serde_json::to_string_pretty(&json!({ "ok": false, "problems": all }))?);
+            } else {
+                for problem in &problems {
+                    eprintln!("{problem}");
+                }
+            }
+            Ok(false)
+        }
+    }
+}
+
+/// What one projector sees.
+struct Seen {
+    name: String,
+    description: Description,
+    /// Of its pixels that hit a prop, 0 to 1.
+    on_props: f64,
+    /// Of its pixels that hit a mask.
+    on_masks: f64,
+}
+
+fn see(projector: &ProjectorSpec, scene: &Scene) -> Seen {
+    let frustum = Frustum::new(projector.calibration);
+    let size_px = projector.calibration.resolution_px().as_dvec2();
+    let rows = ((f64::from(GRID) * size_px.y / size_px.x).round() as u32).max(1);
+    let (mut props, mut masks) = (0_u32, 0_u32);
+    for row in 0..rows {
+        for column in 0..GRID {
+            let place = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
+            let place_px = place / DVec2::new(f64::from(GRID), f64::from(rows)) * size_px;
+            let Some(ray) = frustum.ray(place_px) else { continue };
+            let hit = scene.cast(ray.origin_m, ray.direction, 0.0, ray.t_max_m, ROLE_PROP | ROLE_MASK);
+            let role = hit.map(|h| lantern_scene::role_bit(scene.instances[h.instance].role));
+            props += u32::from(role == Some(ROLE_PROP));
+            masks += u32::from(role == Some(ROLE_MASK));
+        }
+    }
+    let all = f64::from(GRID * rows);
+    Seen {
+        name: projector.name.clone(),
+        description: Description::of(&frustum),
+        on_props: f64::from(props) / all,
+        on_masks: f64::from(masks) / all,
+    }
+}
+
+fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
+    let scene = loaded.editor.current();
+    let of_projector = |seen: &Seen| {
+        let d = &seen.description;
+        let middle = d.middle.as_ref();
+        json!({
+            "name": seen.name,
+            "resolution_px": d.resolution_px.to_array(),
+            "position_m": d.position_m.map(|p| p.to_array()),
+            "direction": middle.map(|m| m.direction.to_array()),
+            "field_of_view_deg": d.field_of_view_rad.map(|f| [f.x.to_degrees(), f.y.to_degrees()]),
+            "lens_shift": d.lens_shift.map(|s| s.to_array()),
+            "mirrored": middle.map(|m| m.mirrored),
+            "near_m": middle.map(|m| m.near_m),
+            "far_m": middle.map(|m| m.far_m).filter(|m| m.is_finite()),
+            "share_on_props": seen.on_props,
+            "share_on_masks": seen.on_masks,
+        })
+    };
+    json!({
+        "ok": true,
+        "problems": [],
+        "file": path.display().to_string(),
+        "scene": { "nodes": scene.nodes.len(), "triangles": scene.triangle_count(), "bytes": scene.device_bytes() },
+        "warnings": warnings(&scene, projectors),
+        "projectors": projectors.iter().map(of_projector).collect::<Vec<_>>(),
+    })
+}
+
+fn print_text(path: &Path, loaded: &Loaded, projectors: &[Seen]) {
+    let scene = loaded.editor.current();
+    println!(
+        "{}: good. {} nodes, {} triangles, {:.1} MiB on the device.",
+        path.display(),
+        scene.nodes.len(),
+        scene.triangle_count(),
+        scene.device_bytes() as f64 / f64::from(1 << 20)
+    );
+    for seen in projectors {
+        println!("\nprojector {:?}\n{}", seen.name, seen.description);
+        println!("{:.1} % of its pixels hit a prop, {:.1} % a mask.", seen.on_props * 100.0, seen.on_masks * 100.0);
+    }
+    for warning in warnings(&scene, projectors) {
+        println!("\nwarning: {warning}");
+    }
+}
+
+/// What works and is still worth a look.
+fn warnings(scene: &Scene, projectors: &[Seen]) -> Vec<String> {
+    let nothing_in_view = projectors.iter().filter(|s| s.on_props == 0.0).map(|s| {
+        format!(
+            "projector {:?} sees no prop and will stay black\nhint: compare its position and direction above with where the props stand",
+            s.name
+        )
+    });
+    let of_files = scene.nodes.iter().flat_map(|n| n.warnings().iter().map(move |w| format!("node {:?}: {w}", n.name)));
+    nothing_in_view.chain(of_files).collect()
+}

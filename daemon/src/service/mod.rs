@@ -1,0 +1,17 @@
+//! The daemon at work: lifecycle, the frame thread, what the threads share, and what survives.
+//!
+//! - [`lifecycle`]: start, signals, reload, stop;
+//! - [`setup`]: from the configuration to the parts;
+//! - [`frames`]: the frame thread, which alone talks to the device;
+//! - [`shared`]: what other threads ask of it;
+//! - [`engine`]: the control socket's operations;
+//! - [`stats`]: what `status` says about frames;
+//! - [`state`]: the scene across restarts.
+
+pub mod engine;
+pub mod frames;
+pub mod lifecycle;
+pub mod setup;
+pub mod shared;
+pub mod state;
+pub mod stats;

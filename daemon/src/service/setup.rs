@@ -1,0 +1,110 @@
+//! From the configuration to the parts.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use lantern_calibration::{Calibration, CalibrationError};
+use lantern_config::{Config, Output, Problem};
+use lantern_render::{ProjectorSpec, RasterOrder, Settings};
+use lantern_scene::{Editor, Scene};
+
+use super::frames::Setup;
+
+/// Everything wrong with a configuration and what it names.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+pub struct Problems(pub Vec<Problem>);
+
+/// A configuration with the scene that it names, loaded.
+pub struct Loaded {
+    /// The configuration.
+    pub config: Config,
+    /// The projectors' matrices.
+    pub projectors: Vec<ProjectorSpec>,
+    /// The scene.
+    pub editor: Editor,
+}
+
+/// Reads a configuration file and everything that it names.
+///
+/// # Errors
+/// Every problem, with its place.
+pub fn load(path: &Path) -> Result<Loaded, Problems> {
+    let config = Config::load(path).map_err(Problems)?;
+    from_config(config, &path.display().to_string())
+}
+
+/// Loads everything that a configuration names.
+///
+/// # Errors
+/// Every problem, with its place.
+pub fn from_config(config: Config, file: &str) -> Result<Loaded, Problems> {
+    let mut problems = Vec::new();
+    let mut projectors = Vec::new();
+    for projector in &config.projectors {
+        match Calibration::from_config(projector) {
+            Ok(calibration) => projectors.push(ProjectorSpec { name: projector.name.clone(), calibration }),
+            Err(error) => problems.push(calibration_problem(file, &projector.name, &error)),
+        }
+    }
+    let limits = (&config.limits).into();
+    let editor = Editor::from_config(&config.scene, &config.base_dir, limits, config.daemon.asset_roots.clone());
+    match editor {
+        Ok(editor) if problems.is_empty() => Ok(Loaded { config, projectors, editor }),
+        Ok(_) => Err(Problems(problems)),
+        Err(of_scene) => {
+            problems.extend(of_scene.into_iter().map(|p| problem(file, &p.at, &p.message)));
+            Err(Problems(problems))
+        }
+    }
+}
+
+/// A problem of an entry as a whole; `hint:` in the message starts the remedy.
+fn problem(file: &str, at: &str, message: &str) -> Problem {
+    let (message, hint) = message.split_once("hint:").unwrap_or((message, "see the configuration's reference"));
+    let message = message.trim_end().trim_end_matches(';');
+    Problem {
+        file: file.to_owned(),
+        line: 0,
+        column: 0,
+        message: format!("{at}: {message}"),
+        hint: hint.trim().to_owned(),
+    }
+}
+
+fn calibration_problem(file: &str, projector: &str, error: &CalibrationError) -> Problem {
+    problem(file, &format!("projector {projector:?}"), &error.to_string())
+}
+
+/// How the configuration wants frames rendered.
+pub fn settings(config: &Config) -> Settings {
+    let render = &config.render;
+    Settings {
+        samples: render.samples,
+        max_depth: render.max_depth,
+        raster: match render.raster {
+            lantern_config::RasterOrder::Before => RasterOrder::Before,
+            lantern_config::RasterOrder::After => RasterOrder::After,
+        },
+        blend: render.blend,
+        ..Settings::default()
+    }
+}
+
+/// What the frame thread is to do.
+pub fn setup(config: &Config, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>) -> Setup {
+    let refresh = |p: &lantern_config::Projector| match p.output {
+        Output::Headless { refresh_hz } => refresh_hz,
+    };
+    Setup { projectors, refresh_hz: config.projectors.iter().map(refresh).collect(), settings: settings(config), scene }
+}
+
+/// Where pipelines are cached: beside other caches of the user, or of the system for root.
+pub fn cache_dir() -> Option<PathBuf> {
+    let of_user = || std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".cache"));
+    let base = std::env::var_os("CACHE_DIRECTORY").map(PathBuf::from).or_else(|| {
+        let xdg = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).filter(|p| p.is_absolute());
+        Some(xdg.or_else(of_user)?.join("lantern"))
+    })?;
+    Some(base)
+}

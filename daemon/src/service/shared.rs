@@ -1,0 +1,169 @@
+//! What other threads ask of the frame thread, and how they wake it.
+
+use std::collections::VecDeque;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use lantern_render::{Layer, LayerImage};
+use lantern_scene::Scene;
+
+use super::frames::Setup;
+
+/// Requests that may wait; one more is refused.
+const MAX_REQUESTS: usize = 64;
+
+/// A request to the frame thread; it is served between two frames, after everything that was acknowledged before it is shown.
+pub enum Request {
+    /// A layer of a projector's picture.
+    Read {
+        /// Which projector.
+        projector: usize,
+        /// Which layer.
+        layer: Layer,
+        /// Where the answer goes.
+        reply: SyncSender<Result<LayerImage, String>>,
+    },
+    /// What the viewer sees of the lit props.
+    Room {
+        /// Where the answer goes.
+        reply: SyncSender<Result<LayerImage, String>>,
+    },
+    /// Other projectors or settings.
+    Reconfigure {
+        /// All of them.
+        setup: Box<Setup>,
+        /// Where the answer goes.
+        reply: SyncSender<Result<(), String>>,
+    },
+}
+
+/// Somebody who waits for a revision to be shown.
+struct Waiter {
+    revision: u64,
+    reply: SyncSender<Result<u64, String>>,
+}
+
+struct Inner {
+    scene: Arc<Scene>,
+    waiters: Vec<Waiter>,
+    requests: VecDeque<Request>,
+    stirred: bool,
+    stop: bool,
+}
+
+/// What the frame thread finds when it wakes.
+pub struct Turn {
+    /// The newest revision.
+    pub scene: Arc<Scene>,
+    /// What was asked.
+    pub requests: VecDeque<Request>,
+    /// Whether to end.
+    pub stop: bool,
+}
+
+/// The meeting place. No lock is held for longer than it takes to move a few pointers.
+pub struct Shared {
+    inner: Mutex<Inner>,
+    wake: Condvar,
+}
+
+impl Shared {
+    /// With the first revision.
+    pub fn new(scene: Arc<Scene>) -> Arc<Self> {
+        let inner = Inner { scene, waiters: Vec::new(), requests: VecDeque::new(), stirred: true, stop: false };
+        Arc::new(Self { inner: Mutex::new(inner), wake: Condvar::new() })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        // Nothing that is done under the lock can leave it half done.
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Something that a frame may show has changed.
+    pub fn stir(&self) {
+        self.lock().stirred = true;
+        self.wake.notify_all();
+    }
+
+    /// Ends the frame thread after what it does now.
+    pub fn stop(&self) {
+        self.lock().stop = true;
+        self.wake.notify_all();
+    }
+
+    /// Publishes a revision, if it is newer than the one there. The receiver gets the number of the first frame that shows it.
+    pub fn publish(&self, scene: Arc<Scene>) -> Receiver<Result<u64, String>> {
+        let (reply, shown) = sync_channel(1);
+        let mut inner = self.lock();
+        inner.waiters.push(Waiter { revision: scene.revision, reply });
+        if scene.revision > inner.scene.revision {
+            inner.scene = scene;
+        }
+        inner.stirred = true;
+        drop(inner);
+        self.wake.notify_all();
+        shown
+    }
+
+    /// Queues a request; false where too many wait already.
+    pub fn request(&self, request: Request) -> bool {
+        let mut inner = self.lock();
+        if inner.requests.len() >= MAX_REQUESTS || inner.stop {
+            return false;
+        }
+        inner.requests.push_back(request);
+        inner.stirred = true;
+        drop(inner);
+        self.wake.notify_all();
+        true
+    }
+
+    /// The frame thread sleeps here until something changes, or until `until`.
+    pub fn wait(&self, until: Option<Instant>) -> Turn {
+        let mut inner = self.lock();
+        while !inner.stirred && !inner.stop {
+            inner = match until {
+                None => self.wake.wait(inner).unwrap_or_else(PoisonError::into_inner),
+                Some(until) => {
+                    let left = until.saturating_duration_since(Instant::now());
+                    if left.is_zero() {
+                        break;
+                    }
+                    self.wake.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0
+                }
+            };
+        }
+        inner.stirred = false;
+        Turn { scene: inner.scene.clone(), requests: std::mem::take(&mut inner.requests), stop: inner.stop }
+    }
+
+    /// Sleeps until `until` or the end.
+    pub fn pause(&self, until: Instant) {
+        let mut inner = self.lock();
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() || inner.stop {
+                return;
+            }
+            inner = self.wake.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// The newest revision, which a frame that begins now takes.
+    pub fn newest(&self) -> Arc<Scene> {
+        self.lock().scene.clone()
+    }
+
+    /// Tells those who wait that `revision` is shown since `frame`, or why it cannot be.
+    pub fn shown(&self, revision: u64, frame: Result<u64, String>) {
+        let mut inner = self.lock();
+        let (done, waiting) = std::mem::take(&mut inner.waiters).into_iter().partition(|w| w.revision <= revision);
+        inner.waiters = waiting;
+        drop(inner);
+        for waiter in Vec::<Waiter>::from(done) {
+            // Nobody may be there any more to hear it.
+            let _ = waiter.reply.send(frame.clone());
+        }
+    }
+}

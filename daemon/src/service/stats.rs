@@ -1,0 +1,96 @@
+//! What `status` says about frames.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use hdrhistogram::Histogram;
+use lantern_proto::status::FrameTimes;
+use lantern_render::ProjectorReport;
+
+/// One projector's frames.
+#[derive(Clone, Debug)]
+pub struct ProjectorStats {
+    /// Pictures shown.
+    pub frames: u64,
+    /// Refreshes at which a newer picture was due and not ready.
+    pub missed: u64,
+    /// Number of the last frame in which it showed something new.
+    pub frame: u64,
+    /// The revision that it shows.
+    pub revision: u64,
+    /// Device time of the last frame by stage, ms.
+    pub stages_ms: BTreeMap<String, f64>,
+    /// Of the last frame, ms.
+    pub pose_to_submit_ms: f64,
+    /// Times in µs.
+    times: Histogram<u32>,
+}
+
+/// Longest frame that the histogram tells apart, µs.
+const LONGEST_US: u64 = 120_000_000;
+
+impl Default for ProjectorStats {
+    fn default() -> Self {
+        #[expect(clippy::unwrap_used, reason = "the bounds are constants that the histogram takes")]
+        let times = Histogram::new_with_bounds(1, LONGEST_US, 3).unwrap();
+        Self { frames: 0, missed: 0, frame: 0, revision: 0, stages_ms: BTreeMap::new(), pose_to_submit_ms: 0.0, times }
+    }
+}
+
+impl ProjectorStats {
+    /// Percentiles of the frames so far, ms.
+    pub fn frame_ms(&self) -> FrameTimes {
+        let at = |q| self.times.value_at_quantile(q) as f64 / 1e3;
+        FrameTimes { p50: at(0.5), p95: at(0.95), max: self.times.max() as f64 / 1e3 }
+    }
+}
+
+/// All projectors' frames, by name.
+#[derive(Default)]
+pub struct Stats(Mutex<BTreeMap<String, ProjectorStats>>);
+
+impl Stats {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, ProjectorStats>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Starts to count for exactly these projectors, keeping what is known of those that stay.
+    pub fn set_projectors<'a>(&self, names: impl Iterator<Item = &'a str>) {
+        let mut all = self.lock();
+        let mut before = std::mem::take(&mut *all);
+        all.extend(names.map(|name| (name.to_owned(), before.remove(name).unwrap_or_default())));
+    }
+
+    /// A projector showed a frame that was rendered.
+    pub fn rendered(&self, name: &str, report: &ProjectorReport, frame: u64, revision: u64, missed: u64) {
+        if let Some(stats) = self.lock().get_mut(name) {
+            stats.frames += 1;
+            stats.missed += missed;
+            stats.frame = frame;
+            stats.revision = revision;
+            stats.pose_to_submit_ms = report.pose_to_submit_ms;
+            for (stage, ms) in &report.stages_ms {
+                stats.stages_ms.insert((*stage).to_owned(), *ms);
+            }
+            stats.times.saturating_record(((report.frame_ms * 1e3) as u64).clamp(1, LONGEST_US));
+        }
+    }
+
+    /// A projector shows `revision` with the picture that it had.
+    pub fn unchanged(&self, name: &str, revision: u64, counts_as_shown: bool) {
+        if let Some(stats) = self.lock().get_mut(name) {
+            stats.revision = revision;
+            stats.frames += u64::from(counts_as_shown);
+        }
+    }
+
+    /// Fewest pictures that any projector has shown.
+    pub fn fewest_frames(&self) -> u64 {
+        self.lock().values().map(|s| s.frames).min().unwrap_or(0)
+    }
+
+    /// All of it.
+    pub fn all(&self) -> BTreeMap<String, ProjectorStats> {
+        self.lock().clone()
+    }
+}
