@@ -1,0 +1,94 @@
+//! Small scenes and projectors to test with.
+
+use std::sync::Arc;
+
+use glam::{DVec3, UVec2};
+use lantern_calibration::{Calibration, Convention, Frustum, Matrix4};
+use lantern_scene::{Edit, Editor, Limits, Scene};
+
+/// The scene that a list of edits, as the socket takes them, makes out of an empty one.
+///
+/// # Panics
+/// Where they are not edits, or are refused.
+#[expect(clippy::panic, reason = "a test that cannot build its scene has failed")]
+pub fn scene_of(edits: serde_json::Value) -> Arc<Scene> {
+    let edits: Vec<Edit> = serde_json::from_value(edits).unwrap_or_else(|error| panic!("no edits: {error}"));
+    Editor::new(Limits::default(), Vec::new()).apply(&edits).unwrap_or_else(|error| panic!("refused: {error:?}"))
+}
+
+/// Where a projector stands and what it looks at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stand {
+    /// Metres.
+    pub position_m: DVec3,
+    /// The middle of its image, m.
+    pub target_m: DVec3,
+    /// The upright field of view.
+    pub fov_y_rad: f64,
+    /// Columns and rows.
+    pub resolution_px: UVec2,
+    /// Its clip space.
+    pub convention: Convention,
+}
+
+impl Stand {
+    /// An OpenGL projector of 40° at a place.
+    pub fn new(position_m: DVec3, target_m: DVec3, resolution_px: UVec2) -> Self {
+        Self { position_m, target_m, fov_y_rad: 40f64.to_radians(), resolution_px, convention: Convention::OpenGl }
+    }
+
+    /// Clip from view, rows; 0.1 m to 50 m.
+    pub fn projection(&self) -> Matrix4 {
+        let (near, far) = (0.1, 50.0);
+        let aspect = f64::from(self.resolution_px.x) / f64::from(self.resolution_px.y);
+        let focal = 1.0 / (self.fov_y_rad / 2.0).tan();
+        let [first, second] = self.convention.depth_limits();
+        let b = (first - second) * near * far / (far - near);
+        [
+            [focal / aspect, 0.0, 0.0, 0.0],
+            [0.0, -focal * self.convention.y_sign(), 0.0, 0.0],
+            [0.0, 0.0, b / far - second, b],
+            [0.0, 0.0, -1.0, 0.0],
+        ]
+    }
+
+    /// View from world, rows; +Y is up, or +X where it looks straight up or down.
+    pub fn view(&self) -> Matrix4 {
+        let back = (self.position_m - self.target_m).normalize();
+        let up = if back.y.abs() > 0.999 { DVec3::X } else { DVec3::Y };
+        let right = up.cross(back).normalize();
+        let up = back.cross(right);
+        let row = |axis: DVec3| [axis.x, axis.y, axis.z, -axis.dot(self.position_m)];
+        [row(right), row(up), row(back), [0.0, 0.0, 0.0, 1.0]]
+    }
+
+    /// Its frustum.
+    ///
+    /// # Panics
+    /// Where it stands on its own target.
+    #[expect(clippy::panic, reason = "a test that cannot build its projector has failed")]
+    pub fn frustum(&self) -> Frustum {
+        let calibration =
+            Calibration::from_matrices(&self.projection(), &self.view(), self.convention, self.resolution_px);
+        Frustum::new(calibration.unwrap_or_else(|error| panic!("{self:?}: {error}")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+
+    #[test]
+    fn the_target_is_in_the_middle_and_up_is_up() {
+        for convention in [Convention::OpenGl, Convention::Vulkan] {
+            let size_px = UVec2::new(640, 400);
+            let target_m = DVec3::new(0.2, 0.5, -0.1);
+            let stand = Stand { convention, ..Stand::new(DVec3::new(1.0, 2.0, 3.0), target_m, size_px) };
+            let frustum = stand.frustum();
+            let middle = frustum.project(target_m).unwrap().place_px;
+            assert!((middle - DVec2::new(320.0, 200.0)).length() < 1e-9, "{middle}");
+            assert!(frustum.project(target_m + DVec3::Y * 0.1).unwrap().place_px.y < 200.0);
+        }
+    }
+}
