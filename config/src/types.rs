@@ -190,8 +190,6 @@ pub enum Convention {
 pub struct Limits {
     /// Clients of the control socket at a time. Default 16.
     pub max_clients: u32,
-    /// Answers that wait for a client that does not read, before it is dropped, MiB. Default 64.
-    pub max_client_mib: u32,
     /// Nodes of the scene, those inside files counted. Default 65536.
     pub max_nodes: u32,
     /// Triangles of all meshes, each counted once however often it is placed. Default 16 million.
@@ -206,7 +204,6 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             max_clients: 16,
-            max_client_mib: 64,
             max_nodes: 65_536,
             max_triangles: 16_000_000,
             max_texels: 1 << 26,

@@ -68,7 +68,6 @@ pub(crate) fn limits(table: Table<'_>) -> Limits {
         }
     };
     small("max_clients", 4096, &mut limits.max_clients);
-    small("max_client_mib", 65_536, &mut limits.max_client_mib);
     small("max_nodes", 1 << 24, &mut limits.max_nodes);
     small("max_file_mib", 1 << 20, &mut limits.max_file_mib);
     let large = |key, limit: &mut u64| {

@@ -1,0 +1,122 @@
+//! Lines in and bytes out, over a stream whose other end may be hostile: both are bounded in memory and in time.
+
+use lantern_proto::MAX_LINE_BYTES;
+use rustix::net::{RecvAncillaryBuffer, RecvFlags, ReturnFlags, recvmsg};
+use std::io::{self, IoSliceMut};
+use std::time::Duration;
+use tokio::io::Interest;
+use tokio::net::UnixStream;
+use tokio::time::timeout;
+
+/// How long a client may leave its end of the socket full before it is dropped.
+pub(crate) const WRITE_PATIENCE: Duration = Duration::from_secs(3);
+
+/// What is read at a time.
+const CHUNK_BYTES: usize = 64 << 10;
+
+/// What a client said.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Said {
+    /// A line, its newline left off.
+    Line {
+        /// Its bytes.
+        bytes: Vec<u8>,
+        /// Whether file descriptors came with it. They were closed on arrival.
+        with_files: bool,
+    },
+    /// More than a line may hold.
+    TooLong,
+    /// Nothing more will come.
+    End,
+}
+
+/// Cuts what a client sends into lines. Holds at most one line and one chunk.
+#[derive(Default)]
+pub(crate) struct Lines {
+    buffer: Vec<u8>,
+    /// Where the search for a newline goes on.
+    searched: usize,
+    with_files: bool,
+}
+
+impl Lines {
+    /// Waits for the next line. May be dropped while it waits; nothing is lost.
+    pub(crate) async fn next(&mut self, stream: &UnixStream) -> io::Result<Said> {
+        loop {
+            if let Some(offset) = self.buffer[self.searched..].iter().position(|&byte| byte == b'\n') {
+                let end = self.searched + offset;
+                if end > MAX_LINE_BYTES {
+                    return Ok(Said::TooLong);
+                }
+                let mut bytes: Vec<u8> = self.buffer.drain(..=end).collect();
+                bytes.pop();
+                self.searched = 0;
+                return Ok(Said::Line { bytes, with_files: std::mem::take(&mut self.with_files) });
+            }
+            self.searched = self.buffer.len();
+            if self.searched > MAX_LINE_BYTES {
+                return Ok(Said::TooLong);
+            }
+            if self.fill(stream).await? == 0 {
+                // A last line without its newline is a line all the same.
+                let bytes = std::mem::take(&mut self.buffer);
+                self.searched = 0;
+                let with_files = std::mem::take(&mut self.with_files);
+                return Ok(if bytes.is_empty() { Said::End } else { Said::Line { bytes, with_files } });
+            }
+        }
+    }
+
+    /// Reads what is there. With no room for descriptors the kernel closes those that come, and says so.
+    async fn fill(&mut self, stream: &UnixStream) -> io::Result<usize> {
+        let start = self.buffer.len();
+        self.buffer.resize(start + CHUNK_BYTES, 0);
+        let space = &mut self.buffer[start..];
+        let received = stream
+            .async_io(Interest::READABLE, || {
+                let mut descriptors = RecvAncillaryBuffer::default();
+                Ok(recvmsg(stream, &mut [IoSliceMut::new(space)], &mut descriptors, RecvFlags::empty())?)
+            })
+            .await;
+        let length = received.as_ref().map_or(0, |received| received.bytes);
+        self.buffer.truncate(start + length);
+        self.with_files |= received?.flags.contains(ReturnFlags::CTRUNC);
+        Ok(length)
+    }
+}
+
+/// Reads and forgets until the client ends, `patience` is over or `most` bytes have come: a socket that is closed while
+/// something lies unread in it looks broken to its client, who may then not read what was said last.
+pub(crate) async fn discard(stream: &UnixStream, most: usize, patience: Duration) {
+    let mut scrap = vec![0; CHUNK_BYTES];
+    let mut left = most;
+    let discarding = async {
+        while left > 0 && stream.readable().await.is_ok() {
+            match stream.try_read(&mut scrap) {
+                Ok(0) => break,
+                Ok(length) => left = left.saturating_sub(length),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(_) => break,
+            }
+        }
+    };
+    // Whether the client has ended or time has, the socket is closed next.
+    let _ = timeout(patience, discarding).await;
+}
+
+/// Writes everything.
+///
+/// # Errors
+/// `TimedOut` where the client takes nothing for [`WRITE_PATIENCE`]; else what the socket says.
+pub(crate) async fn write_all(stream: &UnixStream, mut bytes: &[u8]) -> io::Result<()> {
+    while !bytes.is_empty() {
+        match stream.try_write(bytes) {
+            Ok(length) => bytes = &bytes[length..],
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                timeout(WRITE_PATIENCE, stream.writable()).await.map_err(|_| io::ErrorKind::TimedOut)??;
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,319 @@
+//! The control socket from outside: the protocol to the letter, and clients that mean no good.
+#![expect(clippy::unwrap_used, reason = "helpers of tests, where a failure is a failed test")]
+
+mod support;
+
+use lantern::control::{ControlError, Listener};
+use lantern_proto::Layer;
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::mem::MaybeUninit;
+use std::os::fd::AsFd;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::Path;
+use std::time::{Duration, Instant};
+use support::FakeDaemon;
+
+const MIB: usize = 1 << 20;
+
+/// A client that never waits forever.
+struct Client {
+    stream: UnixStream,
+    reader: BufReader<UnixStream>,
+}
+
+impl Client {
+    fn connect(path: &Path) -> Self {
+        let stream = UnixStream::connect(path).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream.set_write_timeout(Some(Duration::from_secs(20))).unwrap();
+        Self { reader: BufReader::new(stream.try_clone().unwrap()), stream }
+    }
+
+    fn send(&mut self, text: &str) {
+        self.stream.write_all(text.as_bytes()).unwrap();
+    }
+
+    /// The next line; `None` where the daemon has hung up.
+    fn receive(&mut self) -> Option<Value> {
+        let mut line = String::new();
+        match self.reader.read_line(&mut line).unwrap() {
+            0 => None,
+            _ => Some(serde_json::from_str(&line).unwrap()),
+        }
+    }
+
+    fn ask(&mut self, request: &Value) -> Value {
+        self.send(&format!("{request}\n"));
+        self.receive().unwrap()
+    }
+}
+
+#[test]
+fn each_op_is_answered() {
+    let daemon = FakeDaemon::start();
+    let mut client = Client::connect(daemon.socket());
+    assert_eq!(
+        client.ask(&json!({"id": 1, "op": "hello"})),
+        json!({"id": 1, "ok": {"protocol": 1, "version": "9.9.9", "projectors": ["left", "right"]}})
+    );
+    assert_eq!(client.ask(&json!({"id": 2, "op": "status"}))["ok"]["scene"]["triangles"], 1_234_567);
+    let edit = json!({"add": {"node": "ball", "uri": "lantern:sphere"}});
+    assert_eq!(
+        client.ask(&json!({"id": 3, "op": "scene.apply", "edits": [edit]})),
+        json!({"id": 3, "ok": {"revision": 1, "frame": 42, "durable": true}})
+    );
+    assert_eq!(
+        client.ask(&json!({"id": 4, "op": "scene.get"})),
+        json!({"id": 4, "ok": {"revision": 1, "edits": [edit]}})
+    );
+    assert_eq!(
+        client.ask(&json!({"id": 5, "op": "pose", "body": "head", "position_m": [1, 2, 3]})),
+        json!({"id": 5, "ok": {}})
+    );
+    assert_eq!(daemon.engine.poses.lock().unwrap()[0].position_m, [1.0, 2.0, 3.0]);
+    assert_eq!(client.ask(&json!({"id": 6, "op": "config.reload"})), json!({"id": 6, "ok": {"revision": 7}}));
+
+    // The picture comes right after its line, and the next line right after the picture.
+    let reply = client.ask(&json!({"id": 7, "op": "snapshot", "projector": "left", "layer": "node"}));
+    let expected = support::picture(Layer::Node);
+    assert_eq!(reply, json!({"id": 7, "ok": {"bytes": expected.len(), "format": "png"}}));
+    let mut bytes = vec![0; expected.len()];
+    client.reader.read_exact(&mut bytes).unwrap();
+    assert!(bytes == expected);
+    assert_eq!(client.ask(&json!({"id": 8, "op": "hello"}))["id"], 8);
+}
+
+#[test]
+fn refusals_say_what_and_where() {
+    let daemon = FakeDaemon::start();
+    let mut client = Client::connect(daemon.socket());
+    let remove = |node: &str| json!({"remove": {"node": node}});
+    let request = json!({"id": 1, "op": "scene.apply", "edits": [remove("a"), remove("ghost")]});
+    assert_eq!(
+        client.ask(&request),
+        json!({"id": 1, "error": {"code": "unknown-node", "message": "there is no node `ghost`", "at": "edits[1].node"}})
+    );
+    assert!(daemon.engine.edits.lock().unwrap().is_empty());
+    let reply = client.ask(&json!({"id": 2, "op": "scene.apply", "edits": [remove("a"), {"remove": {"nod": "b"}}]}));
+    assert_eq!((&reply["id"], &reply["error"]["code"]), (&json!(2), &json!("bad-request")));
+    assert_eq!(reply["error"]["at"], "edits[1].nod");
+    let reply = client.ask(&json!({"id": 3, "op": "dance"}));
+    assert_eq!((&reply["id"], &reply["error"]["code"]), (&json!(3), &json!("unknown-op")));
+    let reply = client.ask(&json!({"id": 4, "op": "snapshot", "projector": "nowhere", "layer": "color"}));
+    assert_eq!(reply["error"]["at"], "projector");
+}
+
+#[test]
+fn what_is_not_built_says_so() {
+    let daemon = FakeDaemon::start();
+    let mut client = Client::connect(daemon.socket());
+    let vertices = json!({"vertices": {"node": "a", "mesh": 0, "positions_m": [[0, 0, 0]]}});
+    for (request, at) in [
+        (json!({"id": 1, "op": "subscribe", "events": ["frame"]}), "op"),
+        (json!({"id": 2, "op": "pattern", "name": "grid"}), "op"),
+        (json!({"id": 3, "op": "scene.apply", "edits": [{"remove": {"node": "a"}}, vertices]}), "edits[1].vertices"),
+    ] {
+        let reply = client.ask(&request);
+        assert_eq!((&reply["id"], &reply["error"]["code"]), (&request["id"], &json!("not-built")));
+        assert_eq!(reply["error"]["at"], at);
+        assert!(reply["error"]["message"].as_str().unwrap().contains("not built yet"));
+    }
+    assert!(daemon.engine.edits.lock().unwrap().is_empty());
+}
+
+#[test]
+fn file_descriptors_are_refused_with_the_request_that_brings_them() {
+    use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg};
+    let daemon = FakeDaemon::start();
+    let mut client = Client::connect(daemon.socket());
+    let file = std::fs::File::open("/dev/null").unwrap();
+    let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
+    let mut control = SendAncillaryBuffer::new(&mut space);
+    let descriptors = [file.as_fd()];
+    assert!(control.push(SendAncillaryMessage::ScmRights(&descriptors)));
+    let line = b"{\"id\": 1, \"op\": \"scene.apply\", \"edits\": []}\n";
+    sendmsg(&client.stream, &[std::io::IoSlice::new(line)], &mut control, SendFlags::empty()).unwrap();
+    let reply = client.receive().unwrap();
+    assert_eq!((&reply["id"], &reply["error"]["code"]), (&json!(1), &json!("not-built")));
+    assert_eq!(client.ask(&json!({"id": 2, "op": "hello"}))["ok"]["protocol"], 1);
+}
+
+#[test]
+fn replies_come_in_the_order_of_requests() {
+    let daemon = FakeDaemon::start();
+    let mut client = Client::connect(daemon.socket());
+    let ops = ["hello", "status", "scene.get", "nonsense", "config.reload"];
+    let lines: String = (0..200).map(|id| format!("{}\n", json!({"id": id, "op": ops[id % ops.len()]}))).collect();
+    client.send(&lines);
+    for id in 0..200 {
+        assert_eq!(client.receive().unwrap()["id"], id);
+    }
+}
+
+#[test]
+fn lines_that_cannot_be_read_do_not_end_the_connection() {
+    let daemon = FakeDaemon::start();
+    let mut client = Client::connect(daemon.socket());
+    for garbage in [&b""[..], b"{", b"\xff\xfe", b"[]", b"\0\0\0", b"{\"op\": \"hello\"}", b"GET / HTTP/1.1\r"] {
+        client.stream.write_all(garbage).unwrap();
+        client.send("\n");
+        let reply = client.receive().unwrap();
+        assert_eq!(reply["id"], Value::Null);
+        assert!(reply["error"]["code"].is_string());
+    }
+    assert_eq!(client.ask(&json!({"id": 1, "op": "hello"}))["ok"]["protocol"], 1);
+    // In pieces, with a carriage return, and without a last newline.
+    for piece in ["{\"id\"", ": 2, \"op", "\": \"hello\"}\r\n{\"id\": 3, \"op\": \"hello\"}"] {
+        client.send(piece);
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    client.stream.shutdown(std::net::Shutdown::Write).unwrap();
+    assert_eq!(client.receive().unwrap()["id"], 2);
+    assert_eq!(client.receive().unwrap()["id"], 3);
+    assert_eq!(client.receive(), None);
+}
+
+#[test]
+fn an_oversized_line_ends_the_connection_after_its_error() {
+    let daemon = FakeDaemon::start();
+    // The longest line is read: it is a `hello` with very much space in it.
+    let mut client = Client::connect(daemon.socket());
+    let request = "{\"id\": 1, \"op\": \"hello\"}";
+    client.send(&format!("{}{request}\n", " ".repeat(MIB - request.len())));
+    assert_eq!(client.receive().unwrap()["id"], 1);
+
+    // One byte more, with its newline, without one, and far more than that: the error can be read each time.
+    for (length, newline) in [(MIB + 1, "\n"), (MIB + 1, ""), (5 * MIB, "\n")] {
+        let mut client = Client::connect(daemon.socket());
+        client.send(&"x".repeat(length));
+        client.send(newline);
+        let reply = client.receive().unwrap();
+        assert_eq!((&reply["id"], &reply["error"]["code"]), (&Value::Null, &json!("line-too-long")));
+        assert_eq!(client.receive(), None);
+    }
+}
+
+#[test]
+fn a_client_that_does_not_read_is_dropped_and_holds_nobody_up() {
+    let daemon = FakeDaemon::start();
+    let mut stuck = Client::connect(daemon.socket());
+    let request = "{\"id\": 1, \"op\": \"snapshot\", \"projector\": \"left\", \"layer\": \"color\"}\n";
+    stuck.send(&request.repeat(50));
+
+    // Others are answered while it is stuck.
+    let start = Instant::now();
+    let mut other = Client::connect(daemon.socket());
+    for id in 0..50 {
+        assert_eq!(other.ask(&json!({"id": id, "op": "status"}))["id"], id);
+    }
+    assert!(start.elapsed() < Duration::from_secs(2), "held up for {:?}", start.elapsed());
+
+    // It is dropped while it still does not read: writing to it fails in the end.
+    let deadline = Instant::now() + Duration::from_secs(15);
+    while stuck.stream.write_all(b" ").is_ok() {
+        assert!(Instant::now() < deadline, "still connected");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// A client that has been answered, once there is a place for it.
+fn client_in_time(daemon: &FakeDaemon) -> Client {
+    let deadline = Instant::now() + Duration::from_secs(10);
+    loop {
+        let mut client = Client::connect(daemon.socket());
+        // Where there is no place yet, the daemon may hang up before the line has come.
+        let _ = client.stream.write_all(b"{\"id\": 9, \"op\": \"hello\"}\n");
+        if client.receive().is_some_and(|reply| reply["id"] == 9) {
+            return client;
+        }
+        assert!(Instant::now() < deadline, "no place for another client");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn no_more_clients_than_the_limit() {
+    let daemon = FakeDaemon::with_clients(2);
+    let mut first = Client::connect(daemon.socket());
+    let mut second = Client::connect(daemon.socket());
+    first.ask(&json!({"id": 1, "op": "hello"}));
+    second.ask(&json!({"id": 1, "op": "hello"}));
+    let mut third = Client::connect(daemon.socket());
+    let reply = third.receive().unwrap();
+    assert_eq!((&reply["id"], &reply["error"]["code"]), (&Value::Null, &json!("too-many-clients")));
+    assert_eq!(third.receive(), None);
+
+    // A place that is given up is free for another.
+    drop(second);
+    drop(client_in_time(&daemon));
+    assert_eq!(first.ask(&json!({"id": 2, "op": "hello"}))["id"], 2);
+}
+
+#[test]
+fn clients_that_come_and_go_leave_their_places() {
+    let daemon = FakeDaemon::with_clients(4);
+    for round in 0..300 {
+        let mut stream = UnixStream::connect(daemon.socket()).unwrap();
+        // Gone in the middle of a line, of an answer, or at once. Turned away they may not get that far.
+        let _ = match round % 3 {
+            0 => stream.write_all(b"{\"id\": 1"),
+            1 => stream.write_all(b"{\"id\": 1, \"op\": \"snapshot\", \"projector\": \"left\"}\n"),
+            _ => Ok(()),
+        };
+    }
+    let all: Vec<_> = (0..4).map(|_| client_in_time(&daemon)).collect();
+    assert_eq!(all.len(), 4);
+}
+
+#[test]
+fn the_socket_file() {
+    let mut daemon = FakeDaemon::start();
+    let path = daemon.path.clone();
+    let mode = std::fs::metadata(&path).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o660);
+
+    // A second daemon is refused, and the first one goes on.
+    let error = Listener::bind(&path).unwrap_err();
+    assert!(matches!(error, ControlError::Taken { .. }), "{error}");
+    assert!(error.to_string().contains("another lanternd") && error.to_string().contains("hint:"), "{error}");
+    assert_eq!(Client::connect(&path).ask(&json!({"id": 1, "op": "hello"}))["id"], 1);
+
+    // It goes with its daemon, and the next one can take its place.
+    daemon.stop();
+    assert!(!path.exists());
+    drop(Listener::bind(&path).unwrap());
+}
+
+#[test]
+fn a_stale_socket_file_is_replaced_and_a_live_one_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lanternd.sock");
+    drop(UnixListener::bind(&path).unwrap());
+    assert!(path.exists(), "a socket file outlives its socket");
+    let listener = Listener::bind(&path).unwrap();
+    UnixStream::connect(&path).unwrap();
+    drop(listener);
+
+    // One that holds no lock, but listens.
+    let other = UnixListener::bind(&path).unwrap();
+    assert!(matches!(Listener::bind(&path), Err(ControlError::Taken { .. })));
+    drop(other);
+
+    // What is no socket is left alone.
+    let file = folder.path().join("notes.txt");
+    std::fs::write(&file, "dear diary").unwrap();
+    assert!(matches!(Listener::bind(&file), Err(ControlError::NoSocket { .. })));
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "dear diary");
+}
+
+#[test]
+fn paths_that_cannot_be_sockets() {
+    let folder = tempfile::tempdir().unwrap();
+    let long = folder.path().join("x".repeat(120));
+    assert!(matches!(Listener::bind(&long), Err(ControlError::TooLong { .. })));
+    std::fs::write(folder.path().join("file"), "").unwrap();
+    let below = Listener::bind(&folder.path().join("file/lanternd.sock")).unwrap_err();
+    assert!(matches!(below, ControlError::System { .. }) && below.to_string().contains("hint:"), "{below}");
+}
