@@ -111,7 +111,7 @@ impl Scope {
 pub(crate) struct AccessSet(u32);
 
 impl AccessSet {
-    pub(crate) fn of(access: Access) -> AccessSet {
+    pub(crate) const fn of(access: Access) -> AccessSet {
         AccessSet(1 << access as u32)
     }
 

@@ -89,10 +89,16 @@ impl Gathered {
         );
     }
 
-    /// Hands the barrier to `emit`, unless there is none to say, and notes that it stands before `operation`.
-    pub(crate) fn flush(self, covered: &mut Covered, operation: u64, emit: impl FnOnce(&vk::DependencyInfo<'_>)) {
+    /// Hands the barrier to `emit`, unless there is none to say, and notes that it stands before `operation`. Returns
+    /// whether there was one.
+    pub(crate) fn flush(
+        self,
+        covered: &mut Covered,
+        operation: u64,
+        emit: impl FnOnce(&vk::DependencyInfo<'_>),
+    ) -> bool {
         if self.first.is_empty() && self.images.is_empty() {
-            return;
+            return false;
         }
         let (src_stages, src_access) = source(self.first);
         let (dst_stages, dst_access) = destination(self.then);
@@ -107,6 +113,7 @@ impl Gathered {
         }
         emit(&info);
         covered.note(self.first, self.then, operation);
+        true
     }
 }
 

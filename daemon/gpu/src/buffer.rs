@@ -83,7 +83,7 @@ impl BufferKind {
         let (asked, limit, unit) = match self {
             BufferKind::Storage => (bytes, limits.max_storage_buffer_bytes, "bytes of a storage buffer"),
             BufferKind::Texel(format) => {
-                if bytes % format.bytes() != 0 {
+                if !bytes.is_multiple_of(format.bytes()) {
                     let problem = format!("{bytes} bytes are no whole number of {}-byte texels", format.bytes());
                     return Err(GpuError::misuse(name, problem));
                 }

@@ -224,3 +224,76 @@ impl Drop for Device {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::buffer::{Buffer, BufferKind};
+    use crate::command::Recorder;
+    use crate::instance::Validation;
+
+    /// A device whose queues are two names of one, so that what is between queues can be tested where there is but one.
+    fn with_two_queues(instance: &Arc<Instance>) -> Arc<Device> {
+        let devices = instance.devices().unwrap();
+        let info = select::choose(&devices, None).unwrap().clone();
+        let physical = instance.physical_devices().unwrap()[info.index];
+        let (family, family_info) = info::serving_family(instance, physical).unwrap();
+        let handle = DeviceHandle::create(instance, physical, info, (family, family_info), 1).unwrap();
+        let mut queues = Queue::all(&handle, family, 1, 1).unwrap();
+        queues.extend(Queue::all(&handle, family, 1, 1).unwrap());
+        let cache = PipelineCache::open(&handle, None).unwrap();
+        Arc::new(Device { handle, queues, release: Arc::default(), cache })
+    }
+
+    fn buffer(device: &Arc<Device>, kind: BufferKind) -> Arc<Buffer> {
+        Buffer::new(device, "buffer", kind, 64).unwrap()
+    }
+
+    #[test]
+    fn work_of_another_queue_is_waited_for_without_being_told() {
+        let instance = Instance::new(Validation::On).unwrap();
+        let device = with_two_queues(&instance);
+        let data = buffer(&device, BufferKind::Storage);
+        let back = buffer(&device, BufferKind::Readback);
+        let mut last = None;
+        for turn in 0..20u32 {
+            // One queue writes, the other reads: each waits for the other's last.
+            let mut writer = Recorder::new(&device, 0, "writer").unwrap();
+            writer.fill(&data, turn).unwrap();
+            assert_eq!(writer.barriers(), 0, "the semaphore needs no barrier beside it");
+            let mut reader = Recorder::new(&device, 1, "reader").unwrap();
+            reader.copy_buffer(&data, 0, &back, 0, 64).unwrap();
+            let (writer, reader) = (writer.finish().unwrap(), reader.finish().unwrap());
+            assert_eq!(writer.depends().len(), usize::from(turn > 0));
+            assert!(reader.depends().iter().any(|ticket| ticket.queue == 0));
+            device.submit(writer, &[]).unwrap();
+            last = Some(device.submit(reader, &[]).unwrap());
+        }
+        last.unwrap().wait(Duration::from_secs(60)).unwrap();
+        assert_eq!(back.read(0, 4).unwrap(), 19u32.to_ne_bytes());
+        drop((data, back, device));
+        assert_eq!(instance.validation_messages(), Vec::<String>::new());
+    }
+
+    #[test]
+    fn order_is_kept_between_queues_as_well() {
+        let instance = Instance::new(Validation::On).unwrap();
+        let device = with_two_queues(&instance);
+        let data = buffer(&device, BufferKind::Storage);
+        let mut first = Recorder::new(&device, 0, "first").unwrap();
+        first.fill(&data, 1).unwrap();
+        let mut second = Recorder::new(&device, 1, "second").unwrap();
+        second.fill(&data, 2).unwrap();
+        let refused = device.submit(second.finish().unwrap(), &[]);
+        assert!(matches!(refused, Err(GpuError::Order { .. })));
+        let submission = device.submit(first.finish().unwrap(), &[]).unwrap();
+
+        // What the caller names is waited for beside what is known.
+        let third = Recorder::new(&device, 1, "third").unwrap();
+        let third = device.submit(third.finish().unwrap(), &[&submission, &submission]).unwrap();
+        third.wait(Duration::from_secs(60)).unwrap();
+        assert!(submission.is_done().unwrap());
+        drop((data, submission, third, device));
+        assert_eq!(instance.validation_messages(), Vec::<String>::new());
+    }
+}

@@ -134,3 +134,112 @@ impl History {
         self.uses.retain(|used| used.changes || !used.ticket.seen_done());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::access::Access;
+    use crate::device::Device;
+    use crate::instance::{Instance, Validation};
+    use vk::ImageLayout as L;
+
+    const READ: AccessSet = AccessSet::of(Access::ComputeStorageRead);
+    const WRITE: AccessSet = AccessSet::of(Access::ComputeStorageWrite);
+    const SAMPLE: AccessSet = AccessSet::of(Access::ComputeSampled);
+    const COPY: AccessSet = AccessSet::of(Access::CopyRead);
+
+    /// Runs a test with a maker of tickets for queues of any number; no work is submitted.
+    fn with_tickets(test: impl FnOnce(&dyn Fn(usize) -> Arc<Ticket>)) {
+        let instance = Instance::new(Validation::On).unwrap();
+        let device = Device::open(&instance, None, 1, None).unwrap();
+        test(&|queue| Ticket::new(queue, Arc::clone(&device.queue(0).timeline)));
+        drop(device);
+        assert_eq!(instance.validation_messages(), Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_read_waits_for_the_last_write_and_a_write_for_the_reads_since() {
+        with_tickets(|ticket| {
+            let (mut history, own) = (History::default(), ticket(0));
+            let mut note = |operation, accesses| history.note(&own, operation, accesses, None).here;
+            assert_eq!(note(1, READ), []);
+            assert_eq!(note(2, WRITE), [(READ, 1)]);
+            assert_eq!(note(3, READ), [(WRITE, 2)]);
+            assert_eq!(note(4, COPY), [(WRITE, 2)]);
+            let mut both = READ;
+            both.insert(COPY);
+            assert_eq!(note(5, WRITE), [(both, 4)]);
+            assert_eq!(note(6, WRITE), [(WRITE, 5)]);
+        });
+    }
+
+    #[test]
+    fn uses_of_other_recordings_become_tickets_and_only_those_of_the_queue_barriers() {
+        with_tickets(|ticket| {
+            let (mut history, first, second, third) = (History::default(), ticket(0), ticket(1), ticket(0));
+            history.note(&first, 9, WRITE, None);
+            let before = history.note(&second, 1, READ, None);
+            assert!(before.elsewhere && before.here.is_empty());
+            assert!(before.tickets.len() == 1 && Arc::ptr_eq(&before.tickets[0], &first));
+            let before = history.note(&third, 1, READ, None);
+            assert!(!before.elsewhere);
+            // Operation 0: before this recording began.
+            assert_eq!(before.here, [(WRITE, 0)]);
+            let before = history.note(&third, 2, WRITE, None);
+            assert!(before.elsewhere && before.tickets.len() == 1 && Arc::ptr_eq(&before.tickets[0], &second));
+            assert_eq!(before.here, [(READ, 1)]);
+        });
+    }
+
+    #[test]
+    fn a_change_of_layout_is_a_write_that_lets_its_own_reads_in() {
+        with_tickets(|ticket| {
+            let (mut history, own) = (History::default(), ticket(0));
+            let mut note = |operation, accesses, layout| {
+                let before = history.note(&own, operation, accesses, Some(layout));
+                (before.here, before.layout)
+            };
+            assert_eq!(note(1, WRITE, L::GENERAL), (vec![], L::UNDEFINED));
+            assert_eq!(note(2, SAMPLE, L::SHADER_READ_ONLY_OPTIMAL), (vec![(WRITE, 1)], L::GENERAL));
+            assert_eq!(note(3, SAMPLE, L::SHADER_READ_ONLY_OPTIMAL), (vec![], L::SHADER_READ_ONLY_OPTIMAL));
+            assert_eq!(note(4, WRITE, L::GENERAL), (vec![(SAMPLE, 3)], L::SHADER_READ_ONLY_OPTIMAL));
+        });
+    }
+
+    #[test]
+    fn what_was_abandoned_is_forgotten_and_what_it_hid_comes_back() {
+        with_tickets(|ticket| {
+            let (mut history, first, second, third) = (History::default(), ticket(0), ticket(0), ticket(0));
+            history.note(&first, 1, WRITE, Some(L::GENERAL));
+            history.note(&second, 1, COPY, Some(L::TRANSFER_SRC_OPTIMAL));
+            assert_eq!(history.layout(), L::TRANSFER_SRC_OPTIMAL);
+            second.abandoned();
+            assert_eq!(history.layout(), L::GENERAL);
+            let before = history.note(&third, 1, READ, Some(L::GENERAL));
+            assert_eq!(before.here, [(WRITE, 0)]);
+            assert!(before.tickets.len() == 1 && Arc::ptr_eq(&before.tickets[0], &first));
+        });
+    }
+
+    #[test]
+    fn a_history_stays_short_whatever_happens() {
+        with_tickets(|ticket| {
+            let (mut history, writer) = (History::default(), ticket(0));
+            history.note(&writer, 1, WRITE, None);
+            writer.submitted(1);
+            for value in 2..1000 {
+                // A recording of many reads and writes, which is submitted, abandoned or waits for its submission.
+                let own = ticket(0);
+                for operation in 1..20 {
+                    history.note(&own, operation, if operation % 3 == 0 { WRITE } else { READ }, None);
+                }
+                if value % 7 == 0 {
+                    own.abandoned()
+                } else {
+                    own.submitted(value)
+                }
+                assert!(history.uses.len() <= 8, "{} uses are remembered", history.uses.len());
+            }
+        });
+    }
+}

@@ -206,9 +206,11 @@ fn check_targets(
 
 fn clear_value(format: ImageFormat, value: [f32; 4]) -> vk::ClearValue {
     match format {
-        ImageFormat::Depth32 => vk::ClearValue {
-            depth_stencil: vk::ClearDepthStencilValue { depth: value[0].max(0.0).min(1.0), stencil: 0 },
-        },
+        ImageFormat::Depth32 => {
+            // Window z lies in 0 to 1; what is no number clears to the far end.
+            let depth = if value[0].is_nan() { 1.0 } else { value[0].clamp(0.0, 1.0) };
+            vk::ClearValue { depth_stencil: vk::ClearDepthStencilValue { depth, stencil: 0 } }
+        }
         ImageFormat::R32Uint => {
             vk::ClearValue { color: vk::ClearColorValue { uint32: value.map(|channel| channel.round() as u32) } }
         }

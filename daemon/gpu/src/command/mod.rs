@@ -40,6 +40,7 @@ pub struct Recorder {
     operation: u64,
     /// Mapped buffers that were written, which the host must see.
     written_for_host: Vec<Arc<Buffer>>,
+    barriers: u32,
     next_query: u32,
     /// Spans that have begun and not ended: each will need one more query.
     open_spans: u32,
@@ -78,6 +79,7 @@ impl Recorder {
             covered: Covered::default(),
             operation: 0,
             written_for_host: Vec::new(),
+            barriers: 0,
             next_query: 0,
             open_spans: 0,
             in_rendering: false,
@@ -152,6 +154,11 @@ impl Recorder {
         self.keep(pipeline);
         self.keep(bindings);
         Ok(())
+    }
+
+    /// How many barriers stand in the recording so far: each costs the device a pause, so tests of passes count them.
+    pub fn barriers(&self) -> u32 {
+        self.barriers
     }
 
     /// Ends the recording. What it wrote to mapped buffers, the host will see once it has completed.
@@ -282,9 +289,10 @@ impl Recorder {
         let commands = self.recording.commands();
         // SAFETY: the command buffer is being recorded, outside of a rendering; the images in the barrier are of this
         // device, in the layout that their history says, and are kept by whoever calls this.
-        gathered.flush(&mut self.covered, self.operation, |info| unsafe {
-            handle.raw.cmd_pipeline_barrier2(commands, info);
-        });
+        let emit = |info: &vk::DependencyInfo<'_>| unsafe { handle.raw.cmd_pipeline_barrier2(commands, info) };
+        if gathered.flush(&mut self.covered, self.operation, emit) {
+            self.barriers += 1;
+        }
         Ok(())
     }
 
@@ -361,5 +369,46 @@ impl Uses {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::buffer::BufferKind;
+    use crate::instance::{Instance, Validation};
+
+    /// The silence that other tests demand of the layer means something only if it can speak: here two fills of one
+    /// buffer are put in behind the recorder's back, without a barrier between them.
+    #[test]
+    fn the_layer_hears_a_missing_barrier() {
+        let instance = Instance::new(Validation::On).unwrap();
+        let device = Device::open(&instance, None, 1, None).unwrap();
+        let buffer = Buffer::new(&device, "victim", BufferKind::Storage, 64).unwrap();
+        let recorder = Recorder::new(&device, 0, "careless").unwrap();
+        for value in [1, 2] {
+            // SAFETY: recording, outside of a rendering, into a buffer that lives until the end of this test; the
+            // commands are never submitted.
+            unsafe {
+                recorder.raw().cmd_fill_buffer(recorder.recording.commands(), buffer.raw, 0, vk::WHOLE_SIZE, value);
+            }
+        }
+        drop(recorder);
+        let messages = instance.validation_messages();
+        assert!(messages.iter().any(|message| message.contains("SYNC-HAZARD-WRITE-AFTER-WRITE")), "{messages:?}");
+    }
+
+    /// And the same for what is not about synchronisation.
+    #[test]
+    fn the_layer_hears_a_bad_create_info() {
+        let instance = Instance::new(Validation::On).unwrap();
+        let device = Device::open(&instance, None, 1, None).unwrap();
+        let info = vk::SamplerCreateInfo::default().min_lod(2.0).max_lod(1.0);
+        // SAFETY: the driver takes no harm from a range of levels that is empty; the sampler is destroyed at once.
+        unsafe {
+            let sampler = device.handle().raw.create_sampler(&info, None).unwrap();
+            device.handle().raw.destroy_sampler(sampler, None);
+        }
+        assert!(!instance.validation_messages().is_empty());
     }
 }

@@ -90,7 +90,7 @@ pub(super) fn first(
 
 fn check_group(shader: &Shader, device: &crate::handle::DeviceHandle) -> Result<(), GpuError> {
     let limits = &device.limits;
-    let invocations = shader.local_size.iter().map(|&n| u64::from(n)).product::<u64>();
+    let invocations = shader.local_size.iter().fold(1u64, |all, &n| all.saturating_mul(n.into()));
     let by_axis = shader.local_size.into_iter().zip(limits.max_group_size).map(|(n, max)| (u64::from(n), max));
     let mut rows = by_axis.chain([(invocations, limits.max_group_invocations)]);
     match rows.find(|&(asked, limit)| asked > u64::from(limit)) {
