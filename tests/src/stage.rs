@@ -62,6 +62,21 @@ impl Stand {
         [row(right), row(up), row(back), [0.0, 0.0, 0.0, 1.0]]
     }
 
+    /// Its table in a configuration, headless.
+    pub fn toml(&self, name: &str) -> String {
+        let convention = match self.convention {
+            Convention::OpenGl => "opengl",
+            Convention::Vulkan => "vulkan",
+        };
+        let UVec2 { x, y } = self.resolution_px;
+        format!(
+            "[[projector]]\nname = \"{name}\"\nresolution_px = [{x}, {y}]\noutput = {{ kind = \"headless\" }}\n\
+             [projector.calibration]\nconvention = \"{convention}\"\nprojection = {:?}\nview = {:?}\n",
+            self.projection(),
+            self.view(),
+        )
+    }
+
     /// Its frustum.
     ///
     /// # Panics
@@ -76,8 +91,11 @@ impl Stand {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
     use glam::DVec2;
+    use lantern_config::Config;
 
     #[test]
     fn the_target_is_in_the_middle_and_up_is_up() {
@@ -90,5 +108,17 @@ mod tests {
             assert!((middle - DVec2::new(320.0, 200.0)).length() < 1e-9, "{middle}");
             assert!(frustum.project(target_m + DVec3::Y * 0.1).unwrap().place_px.y < 200.0);
         }
+    }
+
+    #[test]
+    fn its_table_says_what_it_is() {
+        let size_px = UVec2::new(64, 48);
+        let stand = Stand {
+            convention: Convention::Vulkan,
+            ..Stand::new(DVec3::new(1.0, 2.0, 3.0), DVec3::new(1e-17, 0.5, 0.0), size_px)
+        };
+        let config = Config::parse(&stand.toml("left"), "test.toml", Path::new(".")).unwrap();
+        let calibration = Calibration::from_config(&config.projectors[0]).unwrap();
+        assert_eq!(&calibration, stand.frustum().calibration());
     }
 }
