@@ -3,10 +3,12 @@
 //! - [`program`]: what `lanternd` can be asked to do;
 //! - [`service`]: the daemon at work;
 //! - [`control`]: the control socket;
+//! - [`ctl`]: what `lanternctl` is;
 //! - [`output`]: where an image goes, and when it is due;
 //! - [`encode`]: layers as files.
 
 pub mod control;
+pub mod ctl;
 pub mod encode;
 pub mod output;
 pub mod program;

@@ -1,5 +1,6 @@
 //! A daemon without a device: the real control socket over an engine that keeps its scene in a list.
 #![expect(clippy::unwrap_used, reason = "helpers of tests, where a failure is a failed test")]
+#![allow(dead_code, reason = "each test program uses its own part")]
 
 use lantern::control::{Engine, Listener, Picture, Server};
 use lantern_proto::status::{DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
@@ -103,7 +104,7 @@ pub(crate) struct FakeDaemon {
     pub(crate) engine: Arc<FakeEngine>,
     pub(crate) path: PathBuf,
     _runtime: Runtime,
-    _folder: TempDir,
+    folder: TempDir,
 }
 
 impl FakeDaemon {
@@ -119,7 +120,7 @@ impl FakeDaemon {
         let listener = Listener::bind(&path).unwrap();
         let server = Server::start(runtime.handle(), listener, engine.clone(), max_clients).unwrap();
         assert_eq!(server.path(), path);
-        Self { server: Some(server), engine, path, _runtime: runtime, _folder: folder }
+        Self { server: Some(server), engine, path, _runtime: runtime, folder }
     }
 
     pub(crate) fn socket(&self) -> &Path {
@@ -128,5 +129,10 @@ impl FakeDaemon {
 
     pub(crate) fn stop(&mut self) {
         self.server = None;
+    }
+
+    /// A path beside the socket's folder.
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
     }
 }
