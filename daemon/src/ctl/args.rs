@@ -171,7 +171,7 @@ pub(super) struct Pose {
     pub(super) body: String,
 
     /// The position in metres, and the orientation as a unit quaternion; without one it stays as it was
-    #[arg(value_name = "X Y Z [QX QY QZ QW]", required = true, num_args = 3..=7, allow_negative_numbers = true, value_parser = finite)]
+    #[arg(value_name = "NUMBER", required = true, num_args = 3..=7, allow_negative_numbers = true, value_parser = finite)]
     pub(super) numbers: Vec<f64>,
 }
 
