@@ -11,49 +11,49 @@ use crate::texture::Texture;
 
 /// A loaded file or builtin, in its own frame: metres, +Y up.
 #[derive(Clone, Debug, Default)]
-pub struct Asset {
+pub(crate) struct Asset {
     /// Each with its bottom-level structure.
-    pub meshes: Vec<Arc<Mesh>>,
+    pub(crate) meshes: Vec<Arc<Mesh>>,
     /// The placed meshes, in the file's order.
-    pub parts: Vec<Part>,
+    pub(crate) parts: Vec<Part>,
     /// What the meshes' material numbers index; texture numbers are this asset's.
-    pub materials: Vec<Material>,
+    pub(crate) materials: Vec<Material>,
     /// What the materials' texture numbers index.
-    pub textures: Vec<Texture>,
+    pub(crate) textures: Vec<Texture>,
     /// The placed lights, each under a name of its own.
-    pub lights: Vec<AssetLight>,
+    pub(crate) lights: Vec<AssetLight>,
     /// What the file holds and Lantern ignores, in words.
-    pub warnings: Vec<String>,
+    pub(crate) warnings: Vec<String>,
 }
 
 /// One placed mesh.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Part {
+pub(crate) struct Part {
     /// Index into [`Asset::meshes`].
-    pub mesh: usize,
+    pub(crate) mesh: usize,
     /// From the mesh's frame to the asset's; invertible, may mirror.
-    pub asset_from_object: DAffine3,
+    pub(crate) asset_from_object: DAffine3,
     /// What the file says of the part's role; it wins over the node's.
-    pub role: Option<Role>,
+    pub(crate) role: Option<Role>,
 }
 
 /// A light of KHR_lights_punctual, placed by a glTF node; it shines along its frame's −Z.
 #[derive(Clone, Debug, PartialEq)]
-pub struct AssetLight {
+pub(crate) struct AssetLight {
     /// Unique in the asset.
-    pub name: String,
+    pub(crate) name: String,
     /// From the light's frame to the asset's.
-    pub asset_from_light: DAffine3,
+    pub(crate) asset_from_light: DAffine3,
     /// How it shines.
-    pub kind: LightKind,
+    pub(crate) kind: LightKind,
     /// Linear RGB.
-    pub color: [f64; 3],
+    pub(crate) color: [f64; 3],
     /// Lux (directional) or candela.
-    pub intensity: f64,
+    pub(crate) intensity: f64,
     /// Metres; 0 = infinite.
-    pub range_m: f64,
+    pub(crate) range_m: f64,
     /// Where a spot's fall begins and ends, from its axis, rad.
-    pub cones_rad: [f64; 2],
+    pub(crate) cones_rad: [f64; 2],
 }
 
 impl Asset {
@@ -68,12 +68,12 @@ impl Asset {
     }
 
     /// Triangles of all meshes, each mesh counted once.
-    pub fn triangle_count(&self) -> usize {
+    pub(crate) fn triangle_count(&self) -> usize {
         self.meshes.iter().map(|mesh| mesh.indices.len()).sum()
     }
 
     /// Texels of all images, each counted once.
-    pub fn texel_count(&self) -> usize {
+    pub(crate) fn texel_count(&self) -> usize {
         let mut seen: Vec<*const crate::texture::Image> = vec![];
         let mut texels = 0;
         for texture in &self.textures {

@@ -8,10 +8,10 @@ use crate::mesh::{Mesh, MeshData};
 use crate::teapot;
 
 /// What starts the URI of a builtin.
-pub const SCHEME: &str = "lantern:";
+pub(crate) const SCHEME: &str = "lantern:";
 
 /// The names of the builtin shapes, without their scheme.
-pub const SHAPES: [&str; 5] = ["sphere", "quad", "cube", "checker", "teapot"];
+pub(crate) const SHAPES: [&str; 5] = ["sphere", "quad", "cube", "checker", "teapot"];
 
 /// Rows of the sphere from pole to pole, and half its columns.
 const SPHERE_ROWS: u32 = 72;
@@ -24,7 +24,7 @@ const CHECKER_SQUARES: u32 = 10;
 /// `checker`: a floor of 10 × 10 squares of 1 m, facing +Y. `teapot`: Newell's, 0.3 m high, standing on y = 0, in car
 /// paint. All carry one white matte material of their own name, but the checker's `red` and `yellow` and the teapot's
 /// `paint`.
-pub fn shape(name: &str) -> Option<Asset> {
+pub(crate) fn shape(name: &str) -> Option<Asset> {
     let white = || vec![Material::matte(name, [1.0; 3])];
     let (data, materials) = match name {
         "sphere" => (sphere(), white()),

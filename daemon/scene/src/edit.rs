@@ -66,7 +66,8 @@ pub(crate) fn checked_rotation(rotation: [f64; 4]) -> Result<DQuat, Fault> {
     let quaternion = DQuat::from_array(rotation);
     let norm = quaternion.length();
     if (norm - 1.0).abs() <= 0.01 {
-        return Ok(if norm == 1.0 { quaternion } else { quaternion.normalize() });
+        // One that is as near to 1 as normalising brings it stays to the bit, so that a scene told and rebuilt is the same.
+        return Ok(if (norm - 1.0).abs() < 1e-14 { quaternion } else { quaternion.normalize() });
     }
     Err(bad_transform(
         "rotation",

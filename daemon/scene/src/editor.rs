@@ -61,34 +61,48 @@ impl Editor {
         limits: Limits,
         asset_roots: Vec<PathBuf>,
     ) -> Result<Self, Vec<SceneProblem>> {
-        let mut editor = Self::new(limits, asset_roots);
+        let mut editor = Self::new(limits, vec![]);
+        editor.reconfigure(scene, base_dir, limits, asset_roots)?;
+        Ok(editor)
+    }
+
+    /// Replaces the whole scene by a configuration's, as [`Editor::from_config`] makes it. Revisions count on, and what
+    /// is the same as before keeps its sections.
+    ///
+    /// # Errors
+    /// Every entry that cannot be shown; then nothing has changed.
+    pub fn reconfigure(
+        &mut self,
+        scene: &config::Scene,
+        base_dir: &Path,
+        limits: Limits,
+        asset_roots: Vec<PathBuf>,
+    ) -> Result<Arc<Scene>, Vec<SceneProblem>> {
+        let mut draft = Scene { nodes: vec![], own_lights: vec![], ..Scene::clone(&self.current) };
+        let black = proto::Environment { uri: None, color: Some(proto::Color([0.0; 3])) };
+        let black = ("scene.environment".to_owned(), Edit::Environment(black));
+        let black = scene.environment.is_none().then_some(black);
         let folders = [base_dir.to_owned()];
+        let limits_before = std::mem::replace(&mut self.limits, limits);
         let mut problems = vec![];
-        let mut draft = Scene::clone(&editor.current);
-        for (at, edit) in crate::configured::edits(scene) {
-            if let Err(fault) = editor.take(&mut draft, &edit, Access::Anywhere(&folders)) {
+        for (at, edit) in black.into_iter().chain(crate::configured::edits(scene)) {
+            if let Err(fault) = self.take(&mut draft, &edit, Access::Anywhere(&folders)) {
                 problems.push(SceneProblem { code: fault.code, at, message: fault.message });
             }
         }
         if problems.is_empty() {
-            match compose(&mut draft, &editor.limits) {
+            match compose(&mut draft, &limits) {
                 Ok(()) => {
-                    editor.publish(draft);
-                    return Ok(editor);
+                    self.asset_roots = asset_roots.iter().filter_map(|root| root.canonicalize().ok()).collect();
+                    return Ok(self.publish(draft));
                 }
                 Err(error) => {
                     problems.push(SceneProblem { code: error.code(), at: "scene".into(), message: error.to_string() });
                 }
             }
         }
+        self.limits = limits_before;
         Err(problems)
-    }
-
-    /// Counts on from another editor's revision: the scene that is here becomes the one after `revision`, so that numbers
-    /// never go back while a daemon lives or when it restarts.
-    pub fn continue_after(&mut self, revision: u64) {
-        let scene = Scene::clone(&self.current);
-        self.current = Arc::new(Scene { revision: revision + 1, ..scene });
     }
 
     /// The newest revision.
@@ -112,7 +126,7 @@ impl Editor {
     /// As [`Editor::apply`].
     pub fn restore(&mut self, edits: &[Edit]) -> Result<Arc<Scene>, EditError> {
         let roots = self.asset_roots.clone();
-        self.apply_as(edits, Access::Anywhere(&roots))
+        self.apply_as(edits, Access::Stored(&roots))
     }
 
     fn apply_as(&mut self, edits: &[Edit], access: Access<'_>) -> Result<Arc<Scene>, EditError> {
@@ -243,7 +257,7 @@ impl Editor {
 /// Nothing, in black.
 fn empty() -> Scene {
     Scene {
-        revision: 1,
+        revision: 0,
         origin_m: DVec3::ZERO,
         nodes: vec![],
         meshes: vec![],

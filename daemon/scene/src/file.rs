@@ -15,6 +15,8 @@ pub(crate) enum Access<'a> {
     Roots(&'a [PathBuf]),
     /// The operator's: anywhere; what is relative is tried under the folders, in their order.
     Anywhere(&'a [PathBuf]),
+    /// The daemon's own, stored earlier: a client's or the operator's.
+    Stored(&'a [PathBuf]),
 }
 
 impl Access<'_> {
@@ -22,13 +24,13 @@ impl Access<'_> {
     pub(crate) fn allows(&self, canonical: &Path) -> bool {
         match self {
             Self::Roots(roots) => roots.iter().any(|root| canonical.starts_with(root)),
-            Self::Anywhere(_) => true,
+            Self::Anywhere(_) | Self::Stored(_) => true,
         }
     }
 
     fn folders(&self) -> &[PathBuf] {
         match self {
-            Self::Roots(folders) | Self::Anywhere(folders) => folders,
+            Self::Roots(folders) | Self::Anywhere(folders) | Self::Stored(folders) => folders,
         }
     }
 }
@@ -129,7 +131,7 @@ impl Stamp {
 
 /// Why a file was not read.
 #[derive(Debug, thiserror::Error)]
-pub enum ReadError {
+pub(crate) enum ReadError {
     /// The system's word.
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),

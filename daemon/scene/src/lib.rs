@@ -3,16 +3,18 @@
 //! An [`Editor`] turns edits into revisions, each an immutable [`Scene`] whose sections are bytes that the GPU reads
 //! ([`pack`]). [`changes`] tells two revisions apart. No Vulkan here.
 
-pub mod asset;
-pub mod builtin;
+mod asset;
+mod builtin;
 pub mod bvh;
 mod compose;
 mod configured;
 mod edit;
 mod editor;
+#[cfg(test)]
+mod editor_tests;
 pub mod environment;
 mod file;
-pub mod gltf;
+mod gltf;
 mod irradiance;
 mod library;
 mod light;
@@ -21,6 +23,8 @@ mod material;
 mod mesh;
 pub mod pack;
 mod raycast;
+#[cfg(test)]
+mod raycast_tests;
 mod revision;
 mod scene;
 mod studio;
@@ -31,7 +35,6 @@ mod texture;
 pub use compose::octahedral;
 pub use edit::EditError;
 pub use editor::{Editor, SceneProblem};
-pub use file::ReadError;
 pub use lantern_proto::{Edit, Role};
 pub use limits::Limits;
 pub use material::{Material, absorption_per_m};

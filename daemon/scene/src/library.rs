@@ -100,9 +100,10 @@ fn key(path: &Path) -> Result<String, Fault> {
 }
 
 /// A client's URI stays as it was given; the operator's becomes the canonical path, which holds wherever it is read again.
+/// A stored one is either already.
 fn kept_uri(uri: &str, path: &Path, access: Access<'_>) -> Result<String, Fault> {
     match access {
-        Access::Roots(_) => Ok(uri.to_owned()),
+        Access::Roots(_) | Access::Stored(_) => Ok(uri.to_owned()),
         Access::Anywhere(_) => key(path),
     }
 }

@@ -16,7 +16,7 @@ use crate::raycast::Top;
 /// One immutable revision. Cheap to clone; a section that an edit left alone is the same `Arc` as before.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// Counts up with every change, from 1.
+    /// Counts up with every change; an empty scene that nothing changed yet is 0.
     pub revision: u64,
     /// World positions on the GPU are relative to it; 0 unless the scene stands more than 1 km from the world's origin.
     pub origin_m: DVec3,

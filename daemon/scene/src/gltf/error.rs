@@ -7,19 +7,19 @@ use crate::file::ReadError;
 /// Something of a file cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {object}: {problem}; hint: {}", file.display(), problem.hint())]
-pub struct GltfError {
+pub(crate) struct GltfError {
     /// The file that was asked for.
-    pub file: PathBuf,
+    pub(crate) file: PathBuf,
     /// What in it: "accessor 3", "mesh 2 primitive 0".
-    pub object: String,
+    pub(crate) object: String,
     /// The cause.
     #[source]
-    pub problem: Problem,
+    pub(crate) problem: Problem,
 }
 
 /// The cause.
 #[derive(Debug, thiserror::Error)]
-pub enum Problem {
+pub(crate) enum Problem {
     /// The file, or one that it names, cannot be had.
     #[error(transparent)]
     Read(#[from] ReadError),
@@ -109,7 +109,7 @@ pub enum Problem {
 
 impl Problem {
     /// What to do about it.
-    pub fn hint(&self) -> &'static str {
+    pub(crate) fn hint(&self) -> &'static str {
         match self {
             Self::Read(ReadError::TooLarge { .. }) | Self::TooMany { .. } => {
                 "simplify the model, or raise the limit in the configuration's [limits]"
@@ -134,7 +134,7 @@ impl Problem {
 
 impl GltfError {
     /// The code of the edit that asked for the file.
-    pub fn code(&self) -> &'static str {
+    pub(crate) fn code(&self) -> &'static str {
         match &self.problem {
             Problem::Read(ReadError::TooLarge { .. }) | Problem::TooMany { .. } => "too-large",
             Problem::Read(_) if self.object == "file" => "bad-uri",

@@ -25,8 +25,8 @@ use crate::limits::Limits;
 use crate::mesh::{Mesh, MeshData};
 
 use accessor::Reader;
-pub use error::{GltfError, Problem};
-use error::{Located, here};
+pub(crate) use error::GltfError;
+use error::{Located, Problem, here};
 use images::Images;
 use materials::Materials;
 use source::Sources;
@@ -107,3 +107,10 @@ fn mesh(
     }
     Ok(whole)
 }
+
+#[cfg(test)]
+mod hostile_tests;
+#[cfg(test)]
+pub(crate) mod sample;
+#[cfg(test)]
+mod tests;
