@@ -198,7 +198,7 @@ impl Tree<'_> {
         }
 
         // Reflection by the base layer, and by the coat.
-        let medium = if inside { view.absorption_per_m } else { DVec3::ZERO };
+        let medium = view.absorption_per_m;
         let mirrored = base_fresnel(s, n_v, inside);
         if mirrored.max_element() > 0.0 {
             let lobe = self.lobe(view, s.roughness);
