@@ -50,7 +50,7 @@ impl Gathered {
     }
 
     /// Adds an order of all of `first` before all of `then`, whatever stands already.
-    pub(crate) fn add_first(&mut self, first: AccessSet, then: AccessSet) {
+    pub(crate) fn add_always(&mut self, first: AccessSet, then: AccessSet) {
         self.first.insert(first);
         self.then.insert(then);
     }
@@ -127,4 +127,76 @@ fn source(accesses: AccessSet) -> (vk::PipelineStageFlags2, vk::AccessFlags2) {
 fn destination(accesses: AccessSet) -> (vk::PipelineStageFlags2, vk::AccessFlags2) {
     let none = (vk::PipelineStageFlags2::NONE, vk::AccessFlags2::NONE);
     accesses.iter().map(Access::scope).fold(none, |(s, a), scope| (s | scope.stages, a | scope.access))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vk::{AccessFlags2 as A, ImageLayout as L, PipelineStageFlags2 as S};
+
+    const READ: AccessSet = AccessSet::of(Access::ComputeStorageRead);
+    const WRITE: AccessSet = AccessSet::of(Access::ComputeStorageWrite);
+    const COPY: AccessSet = AccessSet::of(Access::CopyRead);
+
+    fn after(here: &[(AccessSet, u64)]) -> Before {
+        Before { here: here.to_vec(), ..Default::default() }
+    }
+
+    #[test]
+    fn all_hazards_of_an_operation_become_one_memory_barrier() {
+        let mut covered = Covered::default();
+        let mut gathered = Gathered::default();
+        gathered.add(&covered, &after(&[(WRITE, 1)]), COPY);
+        gathered.add(&covered, &after(&[(READ, 2)]), WRITE);
+        let mut seen = 0;
+        let emitted = gathered.flush(&mut covered, 3, |info| {
+            // SAFETY: the pointer and its count are those of the one barrier that the caller holds.
+            let barriers =
+                unsafe { std::slice::from_raw_parts(info.p_memory_barriers, info.memory_barrier_count as usize) };
+            let [barrier] = barriers else { panic!("{} barriers", barriers.len()) };
+            assert_eq!(barrier.src_stage_mask, S::COMPUTE_SHADER);
+            // A read has nothing to make available.
+            assert_eq!(barrier.src_access_mask, A::SHADER_STORAGE_WRITE);
+            assert_eq!(barrier.dst_stage_mask, S::COMPUTE_SHADER | S::ALL_TRANSFER);
+            assert_eq!(barrier.dst_access_mask, A::SHADER_STORAGE_WRITE | A::TRANSFER_READ);
+            assert_eq!(info.image_memory_barrier_count, 0);
+            seen += 1;
+        });
+        assert!(emitted && seen == 1);
+
+        // What stands is not said again, neither for these operations nor for earlier ones; for later ones it is.
+        for (before, then, needed) in [
+            (after(&[(WRITE, 2)]), COPY, false),
+            (after(&[(WRITE, 0)]), COPY, false),
+            (after(&[(WRITE, 3)]), COPY, true),
+            (after(&[(COPY, 2)]), WRITE, true),
+            (after(&[]), WRITE, false),
+        ] {
+            let mut gathered = Gathered::default();
+            gathered.add(&covered, &before, then);
+            let mut scratch = Covered(covered.0);
+            assert_eq!(gathered.flush(&mut scratch, 4, |_| ()), needed, "{:?} then {then:?}", before.here);
+        }
+    }
+
+    #[test]
+    fn a_change_of_layout_keeps_the_contents_and_follows_the_wait_for_another_queue() {
+        for elsewhere in [false, true] {
+            let mut gathered = Gathered::default();
+            let before = Before { layout: L::GENERAL, elsewhere, ..after(&[(WRITE, 0)]) };
+            let range = vk::ImageSubresourceRange::default();
+            gathered.add_layout(vk::Image::null(), range, &before, COPY, L::TRANSFER_SRC_OPTIMAL);
+            let emitted = gathered.flush(&mut Covered::default(), 1, |info| {
+                assert_eq!((info.memory_barrier_count, info.image_memory_barrier_count), (0, 1));
+                // SAFETY: there is one, as just seen, and the caller holds it.
+                let barrier = unsafe { &*info.p_image_memory_barriers };
+                assert_eq!((barrier.old_layout, barrier.new_layout), (L::GENERAL, L::TRANSFER_SRC_OPTIMAL));
+                assert_eq!(barrier.src_stage_mask.contains(S::ALL_COMMANDS), elsewhere);
+                assert!(barrier.src_stage_mask.contains(S::COMPUTE_SHADER));
+                assert_eq!(barrier.src_access_mask, A::SHADER_STORAGE_WRITE);
+                assert_eq!((barrier.dst_stage_mask, barrier.dst_access_mask), (S::ALL_TRANSFER, A::TRANSFER_READ));
+            });
+            assert!(emitted);
+        }
+    }
 }

@@ -79,7 +79,7 @@ impl BufferKind {
     }
 
     /// Refuses sizes that no binding of this kind could take.
-    fn check(self, name: &str, bytes: u64, limits: &Limits) -> Result<(), GpuError> {
+    fn check(self, name: &str, bytes: u64, raw_bytes: u64, limits: &Limits) -> Result<(), GpuError> {
         let (asked, limit, unit) = match self {
             BufferKind::Storage => (bytes, limits.max_storage_buffer_bytes, "bytes of a storage buffer"),
             BufferKind::Texel(format) => {
@@ -90,12 +90,15 @@ impl BufferKind {
                 (bytes / format.bytes(), limits.max_texel_buffer_elements, "elements of a texel buffer")
             }
             BufferKind::Uniform => (bytes, limits.max_uniform_buffer_bytes, "bytes of a uniform buffer"),
-            BufferKind::Readback | BufferKind::Staging => (bytes, u64::MAX, "bytes"),
+            BufferKind::Readback | BufferKind::Staging => (raw_bytes, limits.max_buffer_bytes, "bytes of a buffer"),
         };
-        match (bytes, asked > limit) {
-            (0, _) => Err(GpuError::misuse(name, "a buffer of no bytes")),
-            (_, true) => Err(GpuError::TooLarge { object: name.into(), asked, limit, unit }),
-            _ => Ok(()),
+        if bytes == 0 {
+            return Err(GpuError::misuse(name, "a buffer of no bytes"));
+        }
+        let rows = [(asked, limit, unit), (raw_bytes, limits.max_buffer_bytes, "bytes of a buffer")];
+        match rows.into_iter().find(|(asked, limit, _)| asked > limit) {
+            Some((asked, limit, unit)) => Err(GpuError::TooLarge { object: name.into(), asked, limit, unit }),
+            None => Ok(()),
         }
     }
 }
@@ -127,10 +130,9 @@ impl Buffer {
     /// texel, [`GpuError::OutOfDeviceMemory`].
     pub fn new(device: &Arc<Device>, name: &str, kind: BufferKind, bytes: u64) -> Result<Arc<Buffer>, GpuError> {
         let device = device.handle();
-        kind.check(name, bytes, &device.limits)?;
-
         // Whole words, so that a fill reaches the last byte.
         let raw_bytes = bytes.checked_next_multiple_of(4).ok_or_else(|| GpuError::misuse(name, "too many bytes"))?;
+        kind.check(name, bytes, raw_bytes, &device.limits)?;
         let info = vk::BufferCreateInfo::default().size(raw_bytes).usage(kind.usage());
         // SAFETY: size and usage are valid; the new object is named before anyone else has it.
         let raw = unsafe {

@@ -127,27 +127,7 @@ impl Device {
         let mut last = queue.last.lock().unwrap_or_else(PoisonError::into_inner);
         let _gate = self.handle.gate.write().unwrap_or_else(PoisonError::into_inner);
 
-        // Of each other queue, the latest of all that is waited for.
-        let mut waits: BTreeMap<usize, (Arc<Timeline>, u64)> = BTreeMap::new();
-        let mut wait = |queue: usize, timeline: &Arc<Timeline>, value: u64| {
-            if queue != at {
-                let entry = waits.entry(queue).or_insert_with(|| (Arc::clone(timeline), value));
-                entry.1 = entry.1.max(value);
-            }
-        };
-        for ticket in commands.depends() {
-            match ticket.phase() {
-                Phase::Submitted(value) => wait(ticket.queue, &ticket.timeline, value),
-                Phase::Recorded | Phase::Abandoned => return Err(GpuError::Order { object: commands.name().into() }),
-            }
-        }
-        for submission in wait_for {
-            if !Arc::ptr_eq(submission.timeline.device(), &self.handle) {
-                return Err(GpuError::OtherDevice { object: submission.name.clone() });
-            }
-            wait(submission.queue, &submission.timeline, submission.value);
-        }
-
+        let waits = self.waits(&commands, wait_for)?;
         let value = *last + 1;
         self.submit_raw(queue, &commands, waits.values(), value)?;
         *last = value;
@@ -164,6 +144,35 @@ impl Device {
             release: Arc::clone(&self.release),
             times,
         })
+    }
+
+    /// What commands must wait for: of each queue but their own, the latest value.
+    fn waits(
+        &self,
+        commands: &Commands,
+        wait_for: &[&Submission],
+    ) -> Result<BTreeMap<usize, (Arc<Timeline>, u64)>, GpuError> {
+        let mut all = Vec::new();
+        for ticket in commands.depends() {
+            match ticket.phase() {
+                Phase::Submitted(value) => all.push((ticket.queue, &ticket.timeline, value)),
+                Phase::Recorded | Phase::Abandoned => return Err(GpuError::Order { object: commands.name().into() }),
+            }
+        }
+        for submission in wait_for {
+            if !Arc::ptr_eq(submission.timeline.device(), &self.handle) {
+                return Err(GpuError::OtherDevice { object: submission.name.clone() });
+            }
+            all.push((submission.queue, &submission.timeline, submission.value));
+        }
+        let mut waits: BTreeMap<usize, (Arc<Timeline>, u64)> = BTreeMap::new();
+        for (queue, timeline, value) in all {
+            if queue != commands.queue() {
+                let wait = waits.entry(queue).or_insert_with(|| (Arc::clone(timeline), value));
+                wait.1 = wait.1.max(value);
+            }
+        }
+        Ok(waits)
     }
 
     fn submit_raw<'a>(
@@ -288,12 +297,26 @@ mod tests {
         assert!(matches!(refused, Err(GpuError::Order { .. })));
         let submission = device.submit(first.finish().unwrap(), &[]).unwrap();
 
-        // What the caller names is waited for beside what is known.
-        let third = Recorder::new(&device, 1, "third").unwrap();
-        let third = device.submit(third.finish().unwrap(), &[&submission, &submission]).unwrap();
+        // What the caller names is waited for beside what is known: of each queue the latest, and not the own queue.
+        let mut later = Recorder::new(&device, 0, "later").unwrap();
+        later.fill(&data, 3).unwrap();
+        let later = device.submit(later.finish().unwrap(), &[]).unwrap();
+        let mut third = Recorder::new(&device, 1, "third").unwrap();
+        third.fill(&data, 4).unwrap();
+        let third = third.finish().unwrap();
+        let values = |waits: BTreeMap<usize, (Arc<Timeline>, u64)>| {
+            waits.into_iter().map(|(queue, (_, value))| (queue, value)).collect::<Vec<_>>()
+        };
+        assert_eq!(values(device.waits(&third, &[]).unwrap()), [(0, later.value)]);
+        assert_eq!(values(device.waits(&third, &[&submission]).unwrap()), [(0, later.value)]);
+        let third = device.submit(third, &[&submission]).unwrap();
+        let own = Recorder::new(&device, 1, "own").unwrap().finish().unwrap();
+        assert_eq!(values(device.waits(&own, &[&third]).unwrap()), []);
+        assert_eq!(values(device.waits(&own, &[&later, &third, &submission]).unwrap()), [(0, later.value)]);
+        drop(own);
         third.wait(Duration::from_secs(60)).unwrap();
         assert!(submission.is_done().unwrap());
-        drop((data, submission, third, device));
+        drop((data, submission, later, third, device));
         assert_eq!(instance.validation_messages(), Vec::<String>::new());
     }
 }

@@ -19,6 +19,10 @@ const BLOCK_BYTES: (u64, u64) = (16 << 20, 256 << 20);
 /// What the device allows, as far as this crate checks it.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Limits {
+    /// The largest buffer of any kind, in bytes.
+    pub max_buffer_bytes: u64,
+    /// The largest piece of memory, in bytes.
+    pub max_memory_bytes: u64,
     /// The longest range of one storage buffer, in bytes.
     pub max_storage_buffer_bytes: u64,
     /// The longest range of one uniform buffer, in bytes.
@@ -88,15 +92,13 @@ impl DeviceHandle {
         let raw = create_raw(instance, physical, &features, family, queues, &info.name)?;
 
         // From here on the device is owned by the handle, so that it is destroyed if the allocator cannot be made.
-        // SAFETY: the physical device is one that this instance listed.
-        let core = unsafe { instance.raw().get_physical_device_properties(physical) };
         let has_names = instance.has(ext::debug_utils::NAME);
         let naming = Naming(has_names.then(|| ext::debug_utils::Device::new(instance.raw(), &raw)));
         let handle = DeviceHandle {
             raw,
             instance: Arc::clone(instance),
             naming,
-            limits: limits(&core.limits, family_info.timestamp_valid_bits),
+            limits: limits(instance, physical, family_info.timestamp_valid_bits),
             info,
             features,
             physical,
@@ -157,8 +159,16 @@ fn create_raw(
         .map_err(|result| GpuError::vulkan(format!("opening device {name:?}"), result))
 }
 
-fn limits(core: &vk::PhysicalDeviceLimits, timestamp_valid_bits: u32) -> Limits {
+fn limits(instance: &Instance, physical: vk::PhysicalDevice, timestamp_valid_bits: u32) -> Limits {
+    let mut v11 = vk::PhysicalDeviceVulkan11Properties::default();
+    let mut v13 = vk::PhysicalDeviceVulkan13Properties::default();
+    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut v11).push_next(&mut v13);
+    // SAFETY: the physical device is one that this instance listed, and speaks 1.3, so that it knows these structures.
+    unsafe { instance.raw().get_physical_device_properties2(physical, &mut all) };
+    let core = all.properties.limits;
     Limits {
+        max_buffer_bytes: v13.max_buffer_size,
+        max_memory_bytes: v11.max_memory_allocation_size,
         max_storage_buffer_bytes: u64::from(core.max_storage_buffer_range),
         max_uniform_buffer_bytes: u64::from(core.max_uniform_buffer_range),
         max_texel_buffer_elements: u64::from(core.max_texel_buffer_elements),

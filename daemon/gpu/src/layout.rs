@@ -21,7 +21,7 @@ pub struct Layout {
     pub(crate) stages: vk::ShaderStageFlags,
     pub(crate) push_bytes: u32,
     /// Baked into the set layout where images are sampled.
-    _sampler: Option<Sampler>,
+    sampler: Option<Sampler>,
 }
 
 impl std::fmt::Debug for Layout {
@@ -80,7 +80,7 @@ impl Layout {
             slots,
             stages,
             push_bytes,
-            _sampler: sampler,
+            sampler,
         };
         layout.create()?;
         Ok(Arc::new(layout))
@@ -122,7 +122,7 @@ impl Layout {
     }
 
     fn create(&mut self) -> Result<(), GpuError> {
-        let samplers: Vec<vk::Sampler> = self._sampler.iter().map(|sampler| sampler.raw).collect();
+        let samplers: Vec<vk::Sampler> = self.sampler.iter().map(|sampler| sampler.raw).collect();
         let bindings: Vec<_> = self
             .slots
             .iter()

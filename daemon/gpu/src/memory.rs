@@ -27,6 +27,11 @@ impl Memory {
         location: MemoryLocation,
         linear: bool,
     ) -> Result<Memory, GpuError> {
+        let limit = device.limits.max_memory_bytes;
+        if requirements.size > limit {
+            let (object, asked, unit) = (name.into(), requirements.size, "bytes of memory in one piece");
+            return Err(GpuError::TooLarge { object, asked, limit, unit });
+        }
         let mut allocator = device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
         let allocator = allocator.as_mut().ok_or_else(|| GpuError::misuse(name, "its device is being closed"))?;
         let description = AllocationCreateDesc {

@@ -3,6 +3,7 @@
 mod copy;
 mod draw;
 mod recording;
+mod uses;
 
 use std::sync::{Arc, PoisonError};
 
@@ -10,16 +11,15 @@ use ash::vk;
 
 use crate::access::{Access, AccessSet};
 use crate::barrier::{Covered, Gathered};
-use crate::binding::{Bindings, Held, layout_of};
-use crate::buffer::Buffer;
+use crate::binding::{Bindings, layout_of};
 use crate::device::Device;
 use crate::encoder::Encoder;
 use crate::error::GpuError;
-use crate::image::Image;
 use crate::layout::Layout;
 use crate::pipeline::ComputePipeline;
 use crate::timestamp::QUERIES;
 use recording::Recording;
+use uses::Uses;
 
 pub use draw::{Draws, Load};
 pub use recording::Commands;
@@ -38,8 +38,8 @@ pub struct Recorder {
     covered: Covered,
     /// Counts operations, from 1.
     operation: u64,
-    /// Mapped buffers that were written, which the host must see.
-    written_for_host: Vec<Arc<Buffer>>,
+    /// Whether mapped buffers were written, which the host must see.
+    written_for_host: bool,
     barriers: u32,
     next_query: u32,
     /// Spans that have begun and not ended: each will need one more query.
@@ -78,7 +78,7 @@ impl Recorder {
             recording,
             covered: Covered::default(),
             operation: 0,
-            written_for_host: Vec::new(),
+            written_for_host: false,
             barriers: 0,
             next_query: 0,
             open_spans: 0,
@@ -165,22 +165,37 @@ impl Recorder {
     ///
     /// # Errors
     /// No memory, or [`GpuError::Misuse`] when a rendering was left by a panic.
-    pub fn finish(self) -> Result<Commands, GpuError> {
+    pub fn finish(mut self) -> Result<Commands, GpuError> {
         self.check_outside()?;
-        let mut gathered = Gathered::default();
-        let mut covered = self.covered;
-        let host = AccessSet::of(Access::HostRead);
-        if !self.written_for_host.is_empty() {
-            gathered.add_first(AccessSet::of(Access::CopyWrite), host);
-        }
-        let (raw, commands) = (&self.recording.device.handle().raw, self.recording.commands());
+        self.show_host();
         // SAFETY: the command buffer is being recorded, outside of a rendering; this recorder is its only user.
-        unsafe {
-            gathered.flush(&mut covered, self.operation + 1, |info| raw.cmd_pipeline_barrier2(commands, info));
-            raw.end_command_buffer(commands)
-                .map_err(|result| GpuError::vulkan(format!("ending {:?}", self.recording.name), result))?;
-        }
+        unsafe { self.raw().end_command_buffer(self.recording.commands()) }
+            .map_err(|result| GpuError::vulkan(format!("ending {:?}", self.recording.name), result))?;
         Ok(Commands(self.recording))
+    }
+
+    /// Makes what was written to mapped buffers, which is done by copies alone, visible to the host.
+    fn show_host(&mut self) {
+        if !self.written_for_host {
+            return;
+        }
+        self.written_for_host = false;
+        self.operation += 1;
+        let mut gathered = Gathered::default();
+        gathered.add_always(AccessSet::of(Access::CopyWrite), AccessSet::of(Access::HostRead));
+        self.flush(gathered);
+    }
+
+    /// Puts a gathered barrier before the operation that is about to be recorded.
+    fn flush(&mut self, gathered: Gathered) {
+        let handle = Arc::clone(self.device().handle());
+        let commands = self.recording.commands();
+        // SAFETY: the command buffer is being recorded, outside of a rendering; the images in the barrier are of this
+        // device, in the layout that their history says, and are kept by whoever records the operation.
+        let emit = |info: &vk::DependencyInfo<'_>| unsafe { handle.raw.cmd_pipeline_barrier2(commands, info) };
+        if gathered.flush(&mut self.covered, self.operation, emit) {
+            self.barriers += 1;
+        }
     }
 
     fn device(&self) -> &Arc<Device> {
@@ -269,9 +284,7 @@ impl Recorder {
             drop(history);
             gathered.add(&self.covered, &before, *accesses);
             self.depend(before.tickets);
-            if accesses.writes() && buffer.is_mapped() {
-                self.written_for_host.push(Arc::clone(buffer));
-            }
+            self.written_for_host |= accesses.writes() && buffer.is_mapped();
         }
         for used in &uses.images {
             let layout = layout_of(used.accesses);
@@ -286,13 +299,7 @@ impl Recorder {
             self.depend(before.tickets);
         }
 
-        let commands = self.recording.commands();
-        // SAFETY: the command buffer is being recorded, outside of a rendering; the images in the barrier are of this
-        // device, in the layout that their history says, and are kept by whoever calls this.
-        let emit = |info: &vk::DependencyInfo<'_>| unsafe { handle.raw.cmd_pipeline_barrier2(commands, info) };
-        if gathered.flush(&mut self.covered, self.operation, emit) {
-            self.barriers += 1;
-        }
+        self.flush(gathered);
         Ok(())
     }
 
@@ -324,58 +331,10 @@ impl Recorder {
     }
 }
 
-/// The resources that one operation uses, each once with all its accesses.
-#[derive(Default)]
-struct Uses {
-    buffers: Vec<(Arc<Buffer>, AccessSet)>,
-    images: Vec<UsedImage>,
-}
-
-struct UsedImage {
-    image: Arc<Image>,
-    accesses: AccessSet,
-    /// Whether the operation makes no sense on an image that nothing has written.
-    needs_contents: bool,
-}
-
-impl Uses {
-    fn add_buffer(&mut self, buffer: &Arc<Buffer>, accesses: AccessSet) {
-        match self.buffers.iter_mut().find(|(known, _)| Arc::ptr_eq(known, buffer)) {
-            Some((_, all)) => all.insert(accesses),
-            None => self.buffers.push((Arc::clone(buffer), accesses)),
-        }
-    }
-
-    fn add_image(&mut self, image: &Arc<Image>, accesses: AccessSet, needs_contents: bool) -> Result<(), GpuError> {
-        match self.images.iter_mut().find(|used| Arc::ptr_eq(&used.image, image)) {
-            Some(used) if layout_of(used.accesses) == layout_of(accesses) => {
-                used.accesses.insert(accesses);
-                used.needs_contents |= needs_contents;
-                Ok(())
-            }
-            Some(_) => Err(GpuError::misuse(image.name(), "one operation uses it in two ways that exclude each other")),
-            None => {
-                self.images.push(UsedImage { image: Arc::clone(image), accesses, needs_contents });
-                Ok(())
-            }
-        }
-    }
-
-    fn add_bindings(&mut self, bindings: &Bindings) -> Result<(), GpuError> {
-        for (held, accesses) in &bindings.held {
-            match held {
-                Held::Buffer(buffer) => self.add_buffer(buffer, *accesses),
-                Held::Image(image) => self.add_image(image, *accesses, accesses.only_reads())?,
-            }
-        }
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::buffer::BufferKind;
+    use crate::buffer::{Buffer, BufferKind};
     use crate::instance::{Instance, Validation};
 
     /// The silence that other tests demand of the layer means something only if it can speak: here two fills of one
@@ -396,6 +355,25 @@ mod tests {
         drop(recorder);
         let messages = instance.validation_messages();
         assert!(messages.iter().any(|message| message.contains("SYNC-HAZARD-WRITE-AFTER-WRITE")), "{messages:?}");
+    }
+
+    #[test]
+    fn what_the_host_will_read_is_made_visible_to_it() {
+        let instance = Instance::new(Validation::On).unwrap();
+        let device = Device::open(&instance, None, 1, None).unwrap();
+        let storage = Buffer::new(&device, "storage", BufferKind::Storage, 64).unwrap();
+        let readback = Buffer::new(&device, "readback", BufferKind::Readback, 64).unwrap();
+        let mut recorder = Recorder::new(&device, 0, "host").unwrap();
+        recorder.fill(&storage, 1).unwrap();
+        recorder.show_host();
+        assert_eq!(recorder.barriers(), 0, "the host sees no device memory");
+        recorder.fill(&readback, 1).unwrap();
+        recorder.show_host();
+        assert_eq!(recorder.barriers(), 1);
+        recorder.show_host();
+        assert_eq!(recorder.barriers(), 1, "it has seen all");
+        drop((recorder, storage, readback, device));
+        assert_eq!(instance.validation_messages(), Vec::<String>::new());
     }
 
     /// And the same for what is not about synchronisation.

@@ -227,3 +227,16 @@ fn a_recording_has_room_for_127_spans_and_says_when_it_is_full() {
         }
     });
 }
+
+#[test]
+fn a_shader_may_bind_nothing() {
+    on_device(1, |device| {
+        let pipeline = ComputePipeline::new(device, shader("nothing.comp", &[], 0), &[]).unwrap();
+        let bindings = Bindings::new(&pipeline, &[]).unwrap();
+        let submission = run(device, |recorder| {
+            recorder.span("nothing", |recorder| recorder.dispatch(&pipeline, &bindings, &[], [1, 1, 1])).unwrap();
+            assert_eq!(recorder.barriers(), 0);
+        });
+        assert!(submission.is_done().unwrap());
+    });
+}

@@ -19,6 +19,13 @@ fn buffers_refuse_sizes_and_ranges() {
         assert!(matches!(error, GpuError::TooLarge { unit: "elements of a texel buffer", .. }), "{error}");
         assert!(matches!(new(BufferKind::Texel(TexelFormat::Rgba32Uint), 24), Err(GpuError::Misuse { .. })));
 
+        for kind in [BufferKind::Readback, BufferKind::Staging] {
+            for bytes in [limits.max_buffer_bytes.saturating_add(1), u64::MAX] {
+                let error = new(kind, bytes).unwrap_err();
+                assert!(matches!(error, GpuError::TooLarge { .. } | GpuError::Misuse { .. }), "{error}");
+            }
+        }
+
         let uniform = new(BufferKind::Uniform, 16).unwrap();
         for (offset, bytes) in [(0, 17), (16, 1), (u64::MAX, 1)] {
             let data = vec![0; bytes];
@@ -175,4 +182,31 @@ fn a_rendering_left_by_a_panic_ends_the_recording() {
         assert!(matches!(recorder.fill(&buffer, 0), Err(GpuError::Misuse { .. })));
         assert!(recorder.finish().is_err());
     });
+}
+
+#[test]
+fn memory_that_is_not_there_is_an_error_and_not_the_end() {
+    on_device(1, |device| {
+        let most = device.info().memory_heaps.iter().map(|heap| heap.bytes).max().unwrap_or(0);
+        let asked = most.saturating_add(1 << 30) & !3;
+        let error = Buffer::new(device, "all", BufferKind::Readback, asked).unwrap_err();
+        assert!(matches!(error, GpuError::OutOfDeviceMemory { .. } | GpuError::TooLarge { .. }), "{error}");
+        assert_eq!(device.allocated_bytes(), 0);
+    });
+}
+
+#[test]
+fn what_threads_share_may_be_shared() {
+    fn shared<T: Send + Sync>() {}
+    fn moved<T: Send>() {}
+    shared::<Instance>();
+    shared::<Device>();
+    shared::<Buffer>();
+    shared::<Image>();
+    shared::<Bindings>();
+    shared::<ComputePipeline>();
+    shared::<GraphicsPipeline>();
+    shared::<Submission>();
+    moved::<Recorder>();
+    moved::<Commands>();
 }
