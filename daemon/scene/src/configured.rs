@@ -80,3 +80,24 @@ impl From<&config::Limits> for Limits {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_configuration_without_limits_has_the_default_ones() {
+        assert_eq!(Limits::from(&config::Limits::default()), Limits::default());
+    }
+
+    #[test]
+    fn the_scene_of_the_demo_loads() {
+        let nowhere = std::path::Path::new("/nonexistent");
+        let demo = config::Config::parse(config::DEMO_TOML, "demo.toml", nowhere).unwrap();
+        let scene = crate::Editor::from_config(&demo.scene, nowhere, (&demo.limits).into(), vec![]).unwrap().current();
+        assert_eq!(scene.nodes.len(), demo.scene.nodes.len());
+        let glass = scene.materials.iter().find(|material| !material.is_opaque()).unwrap();
+        assert_eq!((glass.gpu.ior, glass.gpu.thickness), (1.5, 0.5));
+        assert_eq!(scene.lights.len(), demo.scene.lights.len());
+    }
+}

@@ -60,8 +60,7 @@ pub fn constant(color: [f64; 3]) -> GpuEnvironment {
 /// A panorama from level 0: linear RGB, `width` × `height`, row 0 on top.
 pub fn from_texels(width: u32, height: u32, mut texels: Vec<[f32; 4]>) -> GpuEnvironment {
     for texel in &mut texels {
-        // f32::max keeps the other operand of a NaN, so that a broken texel turns black.
-        *texel = texel.map(|c| c.max(0.0).min(MAX_RADIANCE));
+        *texel = texel.map(|c| if c.is_nan() { 0.0 } else { c.clamp(0.0, MAX_RADIANCE) });
         texel[3] = 0.0;
     }
     let irradiance = irradiance(width as usize, height as usize, &texels);

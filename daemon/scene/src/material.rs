@@ -10,7 +10,7 @@ use crate::pack::{GpuMaterial, NO_TEXTURE};
 pub struct Material {
     /// As the file or builtin calls it; `material N` where the file does not.
     pub name: String,
-    /// Its values. Texture numbers are the asset's in an [`crate::asset::Asset`], the scene's in a [`crate::Scene`].
+    /// Its values. Texture numbers are the scene's in a [`crate::Scene`], its file's own before.
     pub gpu: GpuMaterial,
 }
 

@@ -47,13 +47,15 @@ pub(super) fn split(bytes: &[u8]) -> Result<Container<'_>, Located> {
     // What lies behind the declared length is not the file's.
     let bytes = &bytes[..length as usize];
 
-    let (kind, json, rest) = chunk(bytes, 12).ok_or_else(|| truncated("GLB chunk 0", 20))?;
-    if kind != *b"JSON" {
+    let first = chunk(bytes, 12).ok_or_else(|| truncated("GLB chunk 0", 20))?;
+    if first.kind != *b"JSON" {
         return Err(container("begins with a chunk that is not JSON".into()));
     }
-    let json = json.ok_or_else(|| truncated("GLB chunk 0", rest as u64))?;
-    let bin = match chunk(bytes, rest) {
-        Some((kind, data, end)) if kind == *b"BIN\0" => Some(data.ok_or_else(|| truncated("GLB chunk 1", end as u64))?),
+    let json = first.data.ok_or_else(|| truncated("GLB chunk 0", first.end as u64))?;
+    let bin = match chunk(bytes, first.end) {
+        Some(second) if second.kind == *b"BIN\0" => {
+            Some(second.data.ok_or_else(|| truncated("GLB chunk 1", second.end as u64))?)
+        }
         _ => None,
     };
     Ok(Container { json, bin })
@@ -64,12 +66,21 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_le_bytes(word.try_into().ok()?))
 }
 
-/// The chunk at a place: its kind, its data (`None` where they are cut off), and the place behind it.
-fn chunk(bytes: &[u8], at: usize) -> Option<([u8; 4], Option<&[u8]>, usize)> {
+/// One chunk of a GLB.
+struct Chunk<'a> {
+    kind: [u8; 4],
+    /// `None` where they are cut off.
+    data: Option<&'a [u8]>,
+    /// The place behind it.
+    end: usize,
+}
+
+/// The chunk at a place; `None` where not even its head is there.
+fn chunk(bytes: &[u8], at: usize) -> Option<Chunk<'_>> {
     let length = word(bytes, at)? as usize;
     let kind = bytes.get(at + 4..at + 8)?.try_into().ok()?;
     let end = at.checked_add(8)?.checked_add(length)?;
-    Some((kind, bytes.get(at + 8..end), end))
+    Some(Chunk { kind, data: bytes.get(at + 8..end), end })
 }
 
 /// Parses the JSON; values are checked where they are used.
