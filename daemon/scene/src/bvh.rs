@@ -10,11 +10,12 @@ use obvhs::cwbvh::node::CwBvhNode;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 /// The deepest binary tree that is handed to the converter, which recurses once a level; past it the tree is rebuilt
-/// balanced. Real models stay under 60.
+/// balanced.
 const MAX_BINARY_DEPTH: usize = 96;
 
-/// The deepest wide tree that comes out of [`Bvh::build`]: what a walker's stack must hold.
-pub const MAX_DEPTH: usize = 32;
+/// The deepest wide tree that comes out of [`Bvh::build`]. A walker puts at most one group a level on its stack, and two
+/// where it goes from the top level into a mesh: 2 × 22 + 2 places are enough.
+pub const MAX_DEPTH: usize = 22;
 
 /// A compressed wide BVH over boxes numbered from 0.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -271,6 +272,12 @@ mod tests {
         let boxes: Vec<Aabb> = (0..3000).map(|i| cube([0.0; 3], 1.01f32.powi(i) * 1e-9)).collect();
         let bvh = Bvh::build(&boxes);
         verify_invariants(&bvh, &boxes);
+    }
+
+    #[test]
+    fn a_million_boxes_balanced_stay_within_the_depth() {
+        let boxes: Vec<Aabb> = (0..1 << 20).map(|i| cube([0.0; 3], (i as f32 + 1.0) * 1e-3)).collect();
+        assert!(Bvh::from_binary(&balanced(&boxes)).depth() <= MAX_DEPTH);
     }
 
     #[test]
