@@ -40,7 +40,6 @@ pub struct Recorder {
     operation: u64,
     /// Whether mapped buffers were written, which the host must see.
     written_for_host: bool,
-    barriers: u32,
     next_query: u32,
     /// Spans that have begun and not ended: each will need one more query.
     open_spans: u32,
@@ -72,6 +71,7 @@ impl Recorder {
             depends: Vec::new(),
             kept: Vec::new(),
             spans: Vec::new(),
+            barriers: 0,
             encoder: Some(encoder),
         };
         let mut recorder = Recorder {
@@ -79,7 +79,6 @@ impl Recorder {
             covered: Covered::default(),
             operation: 0,
             written_for_host: false,
-            barriers: 0,
             next_query: 0,
             open_spans: 0,
             in_rendering: false,
@@ -101,7 +100,7 @@ impl Recorder {
         if self.next_query + self.open_spans + 2 > QUERIES {
             return Err(GpuError::misuse(&self.recording.name, format!("no timestamps are left for span {name:?}")));
         }
-        let commands = self.recording.commands();
+        let (commands, ticket) = (self.recording.commands(), Arc::clone(&self.recording.ticket));
         // SAFETY: the command buffer is being recorded, by this recorder alone.
         unsafe { self.device().handle().naming.begin(commands, name) };
         let first = self.timestamp();
@@ -109,13 +108,13 @@ impl Recorder {
         let result = f(self);
 
         // Whatever `f` did to the place behind its reference, only the recording that began the span may end it.
-        if self.recording.commands() != commands || self.in_rendering {
+        if !Arc::ptr_eq(&self.recording.ticket, &ticket) || self.in_rendering {
             self.in_rendering = true;
             return Err(GpuError::misuse(&self.recording.name, format!("span {name:?} ended in another recording")));
         }
         self.open_spans -= 1;
         let last = self.timestamp();
-        // SAFETY: as above, and the label was opened in this very command buffer.
+        // SAFETY: as above, and the label was opened in this very recording.
         unsafe { self.device().handle().naming.end(commands) };
         self.recording.spans.push((name, first, last));
         result
@@ -158,7 +157,7 @@ impl Recorder {
 
     /// How many barriers stand in the recording so far: each costs the device a pause, so tests of passes count them.
     pub fn barriers(&self) -> u32 {
-        self.barriers
+        self.recording.barriers
     }
 
     /// Ends the recording. What it wrote to mapped buffers, the host will see once it has completed.
@@ -194,7 +193,7 @@ impl Recorder {
         // device, in the layout that their history says, and are kept by whoever records the operation.
         let emit = |info: &vk::DependencyInfo<'_>| unsafe { handle.raw.cmd_pipeline_barrier2(commands, info) };
         if gathered.flush(&mut self.covered, self.operation, emit) {
-            self.barriers += 1;
+            self.recording.barriers += 1;
         }
     }
 
@@ -363,16 +362,16 @@ mod tests {
         let device = Device::open(&instance, None, 1, None).unwrap();
         let storage = Buffer::new(&device, "storage", BufferKind::Storage, 64).unwrap();
         let readback = Buffer::new(&device, "readback", BufferKind::Readback, 64).unwrap();
-        let mut recorder = Recorder::new(&device, 0, "host").unwrap();
-        recorder.fill(&storage, 1).unwrap();
-        recorder.show_host();
-        assert_eq!(recorder.barriers(), 0, "the host sees no device memory");
-        recorder.fill(&readback, 1).unwrap();
-        recorder.show_host();
-        assert_eq!(recorder.barriers(), 1);
-        recorder.show_host();
-        assert_eq!(recorder.barriers(), 1, "it has seen all");
-        drop((recorder, storage, readback, device));
+        // Device memory, which the host does not see, needs one barrier: it is filled once more.
+        for (buffer, barriers) in [(&storage, 1), (&readback, 2)] {
+            let mut recorder = Recorder::new(&device, 0, "host").unwrap();
+            recorder.fill(buffer, 1).unwrap();
+            recorder.fill(buffer, 2).unwrap();
+            assert_eq!(recorder.barriers(), 1);
+            let commands = recorder.finish().unwrap();
+            assert_eq!(commands.0.barriers, barriers);
+        }
+        drop((storage, readback, device));
         assert_eq!(instance.validation_messages(), Vec::<String>::new());
     }
 

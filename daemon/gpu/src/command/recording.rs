@@ -20,6 +20,8 @@ pub(super) struct Recording {
     /// What the command buffer uses.
     pub(super) kept: Vec<Kept>,
     pub(super) spans: Vec<Span>,
+    /// How many barriers stand in it.
+    pub(super) barriers: u32,
     /// None once it was submitted.
     pub(super) encoder: Option<Encoder>,
 }

@@ -90,6 +90,36 @@ fn a_full_triangle_writes_colour_and_depth_after_compute_made_its_input() {
 }
 
 #[test]
+fn a_rendering_keeps_what_it_uses_until_it_is_done() {
+    on_device(1, |device| {
+        let color = readback(device, 16 * 9 * 16);
+        let commands = {
+            let data = storage(device, "data", &[5]);
+            let draw = pipeline(device, DepthTest::Less);
+            let drawn = bind(&draw, &data);
+            let targets = targets(device);
+            let clear = Load::Clear([1.0; 4]);
+            let mut recorder = Recorder::new(device, 0, "orphan").unwrap();
+            let colors = [(&targets.color, clear), (&targets.word, clear)];
+            recorder
+                .render("triangle", &colors, Some((&targets.depth, clear)), &[&drawn], |draws| {
+                    draws.draw(&draw, &drawn, &push(0.25, 0.5), 3, 1)
+                })
+                .unwrap();
+            recorder.copy_image_to_buffer(&targets.color, &color).unwrap();
+            recorder.finish().unwrap()
+        };
+        device.submit(commands, &[]).unwrap().wait(TIMEOUT).unwrap();
+        assert_eq!(floats(&color)[..4], [0.5, 0.5, 0.5, 5.0]);
+        assert!(
+            device.allocated_bytes() <= color.bytes() + 1024,
+            "the readback alone is left: {}",
+            device.allocated_bytes()
+        );
+    });
+}
+
+#[test]
 fn what_is_kept_is_tested_against_in_the_next_rendering() {
     on_device(1, |device| {
         let data = storage(device, "data", &[1]);

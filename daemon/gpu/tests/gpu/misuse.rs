@@ -138,6 +138,26 @@ fn dispatches_and_copies_refuse_what_does_not_fit() {
 }
 
 #[test]
+fn bindings_made_for_reading_do_not_serve_a_shader_that_writes() {
+    const READS: &[Binding] = &[row(0, "Data", BindingKind::StorageBuffer, true, false)];
+    on_device(1, |device| {
+        let buffer = storage(device, "buffer", &[2; 64]);
+        let writer = ComputePipeline::new(device, step(), &[]).unwrap();
+        let reader = ComputePipeline::new(device, shader("peek.comp", READS, 0), &[]).unwrap();
+        let for_writing = Bindings::new(&writer, &[("Data", Resource::Buffer(&buffer))]).unwrap();
+        let for_reading = Bindings::new(&reader, &[("Data", Resource::Buffer(&buffer))]).unwrap();
+        run(device, |recorder| {
+            // The barrier before would know of a read alone.
+            let error = recorder.dispatch(&writer, &for_reading, &[], [1; 3]).unwrap_err();
+            assert!(matches!(error, GpuError::Binding { .. }), "{error}");
+            recorder.dispatch(&reader, &for_writing, &[], [1; 3]).unwrap();
+            recorder.dispatch(&writer, &for_writing, &[], [1; 3]).unwrap();
+        });
+        assert_eq!(words_of(device, &buffer)[3], 2 * 3 + 3);
+    });
+}
+
+#[test]
 fn objects_of_another_device_are_refused() {
     on_device(1, |device| {
         let instance = Instance::new(Validation::On).unwrap();
