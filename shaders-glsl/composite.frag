@@ -30,9 +30,10 @@ void main() {
     radiance_and_weight = vec4(max(light[index].rgb + look[index].rgb, vec3(0.0)), weight[index]);
     node = float(instance_words(nearest.y & 0xffffffu).scene_node);
 
-    // The ray of the sample that is closest, walked to its hit, and back through the projector's matrix.
+    // The ray of the sample that is closest, walked to its hit, and its depth there.
+    vec2 at_px = vec2(pixel) + sample_offset(pixel, nearest.y >> 24u);
     vec3 origin, direction;
     float t_max;
-    frustum_ray(frame.frustum, vec2(pixel) + sample_offset(pixel, nearest.y >> 24u), origin, direction, t_max);
-    gl_FragDepth = window_z(frame.frustum, origin + direction * distance_m);
+    frustum_ray(frame.frustum, at_px, origin, direction, t_max);
+    gl_FragDepth = window_z(frame.frustum, at_px, direction, distance_m);
 }

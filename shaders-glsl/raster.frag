@@ -22,10 +22,10 @@ void main() {
     Surface s = surface_at(push.instance, triangle, barycentric.yz);
 
     // Both sides are drawn: the normal turns to the projector.
-    vec2 at = gl_FragCoord.xy;
+    vec2 at_px = gl_FragCoord.xy + push.offset_px;
     vec3 origin, direction;
     float t_max;
-    frustum_ray(frame.frustum, at, origin, direction, t_max);
+    frustum_ray(frame.frustum, at_px, origin, direction, t_max);
     turn_to(s, direction);
     vec3 sum = s.emissive + diffuse_color(s) * irradiance_over_pi(s.normal);
     for (uint i = 0u; i < frame.light_count; ++i) {
@@ -57,5 +57,5 @@ void main() {
     node = float(instance_words(push.instance).scene_node);
 
     // The same arithmetic as the composite pass, so that equal surfaces get equal depth.
-    gl_FragDepth = window_z(frame.frustum, position);
+    gl_FragDepth = window_z(frame.frustum, at_px, direction, dot(position - origin, direction));
 }

@@ -168,6 +168,7 @@ void main() {
                 // The line of sight is free.
                 turn = POINT;
                 s = point;
+                absorption = vec3(0.0);
                 inside = point_inside;
                 if (!eye_light) {
                     break;
@@ -217,14 +218,14 @@ void main() {
             float share, cos_i;
             vec3 d = lobe_direction(s, v, s.roughness, pixel, share, cos_i);
             vec3 f_lobe = s.roughness >= MIRROR_ROUGHNESS ? base_fresnel(s, cos_i, inside) : f;
-            follow(Waiting(outside_origin, d, below * f_lobe * share, depth + 1u, EVERYTHING, 3.0e38, inside ? absorption : vec3(0.0)));
+            follow(Waiting(outside_origin, d, below * f_lobe * share, depth + 1u, EVERYTHING, 3.0e38, absorption));
         }
 
         // Reflection by the coat.
         if (coat > 0.0) {
             float share, cos_i;
             vec3 d = lobe_direction(s, v, s.clearcoat_roughness, pixel, share, cos_i);
-            follow(Waiting(outside_origin, d, throughput * coat * share, depth + 1u, EVERYTHING, 3.0e38, vec3(0.0)));
+            follow(Waiting(outside_origin, d, throughput * coat * share, depth + 1u, EVERYTHING, 3.0e38, absorption));
         }
 
         // Transmission: bent where the body is closed, straight through a thin sheet.

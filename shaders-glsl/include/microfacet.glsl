@@ -12,6 +12,9 @@ const float MATTE_FROM = 0.9;
 
 // The share of unpolarised light that an interface reflects; eta = index behind / index in front. 1 at total internal reflection.
 float fresnel_dielectric(float cos_i, float eta) {
+    if (eta == 1.0) {
+        return 0.0;
+    }
     cos_i = clamp(abs(cos_i), 0.0, 1.0);
     float sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
     if (sin2_t >= 1.0) {

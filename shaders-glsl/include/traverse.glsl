@@ -149,7 +149,7 @@ bool traverse(Ray ray, uint roles, const int goal, inout Hit hit, inout vec3 tra
                 float t = intersect_triangle(origin, direction, texelFetch(triangles, at).xyz, texelFetch(triangles, at + 1).xyz,
                                              texelFetch(triangles, at + 2).xyz, barycentric);
                 if (t > ray.t_min && t < hit.t) {
-                    if (goal == SHADOW && (instance_flags & INSTANCE_OPAQUE) == 0u) {
+                    if (goal == SHADOW && (instance_flags & (INSTANCE_OPAQUE | ROLE_MASK)) == 0u) {
                         transmittance *= shadow_crossing(instance, primitive, barycentric, direction);
                         if (max(transmittance.x, max(transmittance.y, transmittance.z)) < 1.0 / 1024.0) {
                             return true;

@@ -129,6 +129,12 @@ impl Editor {
         self.apply_as(edits, Access::Stored(&roots))
     }
 
+    /// Counts on from the revision that a stored scene had, so that numbers never go back when a daemon restarts.
+    pub fn continue_after(&mut self, revision: u64) {
+        let scene = Scene::clone(&self.current);
+        self.current = Arc::new(Scene { revision: revision.max(scene.revision) + 1, ..scene });
+    }
+
     fn apply_as(&mut self, edits: &[Edit], access: Access<'_>) -> Result<Arc<Scene>, EditError> {
         if edits.is_empty() {
             return Ok(self.current());

@@ -15,6 +15,9 @@ use serde_json::{Value, json};
 
 use crate::service::setup::{self, Loaded};
 
+/// Longest frame that a histogram tells apart, µs.
+const LONGEST_US: u64 = 600_000_000;
+
 /// Frames before the ones that count.
 const WARM_UP: u32 = 2;
 
@@ -52,8 +55,8 @@ struct Times {
 }
 
 fn histogram() -> Histogram<u64> {
-    #[expect(clippy::unwrap_used, reason = "the constant is a valid precision")]
-    Histogram::new(3).unwrap()
+    #[expect(clippy::unwrap_used, reason = "the bounds are constants that the histogram takes")]
+    Histogram::new_with_bounds(1, LONGEST_US, 3).unwrap()
 }
 
 /// Times `frames` frames of each case and prints them. Where `config` is absent, of the demo.

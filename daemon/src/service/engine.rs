@@ -230,25 +230,25 @@ impl Engine for DaemonEngine {
         // A scene section that did not change keeps what clients have made of it.
         let mut editor = lock_editor(&self.links.editor);
         let same_scene = loaded.config.scene.fingerprint() == old.scene.fingerprint();
-        let revision = editor.current().revision;
-        let mut replaced = loaded.editor;
-        replaced.continue_after(revision);
-        let scene = if same_scene { editor.current() } else { replaced.current() };
 
         // Addresses first: they are what can still fail.
         lock(&self.trackers).configure(&loaded.config.trackers).map_err(|e| refused(e.to_string()))?;
         let (reply, answer) = sync_channel(1);
-        let setup = Box::new(setup::setup(&loaded.config, loaded.projectors, scene.clone()));
+        let setup = Box::new(setup::setup(&loaded.config, loaded.projectors, editor.current()));
         if let Err(error) = self.ask(Request::Reconfigure { setup, reply }, &answer) {
             lock(&self.trackers).configure(&old.trackers).map_err(|e| refused(e.to_string()))?;
             return Err(error);
         }
         self.links.bodies.configure(&loaded.config.bodies);
+        let config = loaded.config;
         if !same_scene {
-            *editor = replaced;
+            let roots = config.daemon.asset_roots.clone();
+            let replaced = editor.reconfigure(&config.scene, &config.base_dir, (&config.limits).into(), roots);
+            replaced.map_err(|problems| refused(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")))?;
         }
+        let scene = editor.current();
         drop(editor);
-        *self.config() = loaded.config;
+        *self.config() = config;
         let shown = self.links.shared.publish(scene.clone());
         heard(shown.recv_timeout(PATIENCE))?;
         tracing::info!(revision = scene.revision, "reloaded");
