@@ -98,6 +98,7 @@ fn exr(layer: &LayerImage, channels: Vec<(&str, Vec<f32>)>) -> Result<Encoded, E
 #[cfg(test)]
 mod tests {
     use super::*;
+    use exr::prelude::{ReadChannels, ReadLayers};
 
     #[test]
     fn floats_come_back_exactly() {
