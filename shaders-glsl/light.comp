@@ -14,6 +14,23 @@ layout(std430, binding = 15) readonly buffer Hits { uvec2 hits[]; };
 // Mean over the samples so far, linear.
 layout(std430, binding = 17) buffer Light { vec4 light[]; };
 
+// The pixels whose look depends on the eye, in this plane, for the pass that follows the eye: a list, so that it visits no other.
+layout(std430, binding = 28) buffer Live {
+    uvec3 live_groups; // of the indirect dispatch
+    uint live_count;
+    uint live[];
+};
+
+const uint LIVE_GROUP = 64u;
+
+void append(uint index) {
+    uint at = atomicAdd(live_count, 1u);
+    live[at] = index;
+    if (at % LIVE_GROUP == 0u) {
+        atomicMax(live_groups.x, at / LIVE_GROUP + 1u);
+    }
+}
+
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     if (outside_image(pixel)) {
@@ -27,6 +44,9 @@ void main() {
         bool from_inside;
         Surface s = lit_surface(ray, found, from_inside);
         if ((s.flags & ROLE_MASK) == 0u) {
+            if (depends_on_eye(s) || frame.virtual_count > 0u) {
+                append(index);
+            }
             radiance = s.emissive;
             vec3 diffuse = diffuse_color(s);
             if (max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0) {

@@ -2,6 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
+#define MATERIALS_KNOWN
 #include "include/frame.glsl"
 #include "include/light.glsl"
 #include "include/weight.glsl"

@@ -8,15 +8,22 @@
 #include "include/primary_hit.glsl"
 #include "include/light.glsl"
 
-layout(local_size_x = 8, local_size_y = 8) in;
+layout(local_size_x = 64) in;
 
 // The naive method, which reflects the projector's own ray; for the test that shows it to be wrong.
 layout(constant_id = 0) const uint EYE_AT_PROJECTOR = 0u;
 
 layout(std430, binding = 15) readonly buffer Hits { uvec2 hits[]; };
 
-// Mean over the samples so far of what is to be added to the eye-independent light.
+// Mean over the samples so far of what is to be added to the eye-independent light; starts at 0.
 layout(std430, binding = 18) buffer Look { vec4 look[]; };
+
+// The pixels whose look depends on the eye, in this plane: no other one is visited.
+layout(std430, binding = 28) readonly buffer Live {
+    uvec3 live_groups; // of the indirect dispatch
+    uint live_count;
+    uint live[];
+};
 
 // A sample follows at most this many rays, and none that carries less than this.
 const uint MAX_RAYS = 24u;
@@ -49,11 +56,6 @@ bool viewer_of(Surface s, out vec3 eye) {
         }
     }
     return nearest < 3.0e38;
-}
-
-// Whether anything of this surface changes when the eye moves.
-bool depends_on_eye(Surface s) {
-    return s.clearcoat > 0.0 || s.transmission > 0.0 || (specular_scale(s) > 0.0 && (s.metallic > 0.0 || dielectric_f0(s) > 0.0));
 }
 
 Waiting waiting[MAX_RAYS];
@@ -95,25 +97,19 @@ vec3 lobe_direction(Surface s, vec3 v, float roughness, uvec2 pixel, out float s
 }
 
 void main() {
-    uvec2 pixel = gl_GlobalInvocationID.xy;
-    if (outside_image(pixel)) {
+    if (gl_GlobalInvocationID.x >= live_count) {
         return;
     }
-    uint index = pixel_index(pixel);
-    vec4 before = push.sample_index == 0u ? vec4(0.0) : look[index];
+    uint index = live[gl_GlobalInvocationID.x];
+    uvec2 pixel = pixel_of(index);
     uvec2 found = hits[index];
-    if (found.x == NO_INSTANCE) {
-        look[index] = before;
-        return;
-    }
     Ray primary = sample_ray(pixel, push.sample_index);
     bool inside;
     Surface s = lit_surface(primary, found, inside);
     vec3 eye;
     bool seen = EYE_AT_PROJECTOR != 0u || viewer_of(s, eye);
     bool eye_light = depends_on_eye(s);
-    if ((s.flags & ROLE_MASK) != 0u || !seen || (!eye_light && frame.virtual_count == 0u)) {
-        look[index] = before;
+    if (!seen) {
         return;
     }
 
@@ -242,6 +238,6 @@ void main() {
             }
         }
     }
-    look[index] = before + vec4(radiance, 1.0) / float(frame.samples);
+    look[index] += vec4(radiance, 1.0) / float(frame.samples);
     publish_counts(0u, 0u);
 }

@@ -16,6 +16,11 @@ uint pixel_index(uvec2 pixel) {
     return pixel.y * uint(frame.frustum.resolution_px.x) + pixel.x;
 }
 
+uvec2 pixel_of(uint index) {
+    uint width = uint(frame.frustum.resolution_px.x);
+    return uvec2(index % width, index / width);
+}
+
 bool outside_image(uvec2 pixel) {
     return pixel.x >= uint(frame.frustum.resolution_px.x) || pixel.y >= uint(frame.frustum.resolution_px.y);
 }

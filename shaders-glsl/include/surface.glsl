@@ -113,7 +113,7 @@ Surface surface_at(uint instance, uint triangle, vec2 barycentric) {
     GpuMaterial m = materials[words.material_base + floatBitsToUint(corner.w)];
 
     // The normal texture's tangent frame comes from the triangle's own texture coordinates.
-    if (m.normal_texture != NO_TEXTURE) {
+    if (TEXTURED != 0u && m.normal_texture != NO_TEXTURE) {
         vec2 d1 = uvs[1] - uvs[0];
         vec2 d2 = uvs[2] - uvs[0];
         float det = d1.x * d2.y - d1.y * d2.x;
@@ -136,18 +136,18 @@ Surface surface_at(uint instance, uint triangle, vec2 barycentric) {
     }
 
     s.base = m.base_color.rgb;
-    if (m.base_color_texture != NO_TEXTURE) {
+    if (TEXTURED != 0u && m.base_color_texture != NO_TEXTURE) {
         s.base *= texture_at(m.base_color_texture, uv).rgb;
     }
     s.metallic = m.metallic;
     s.roughness = m.roughness;
-    if (m.metallic_roughness_texture != NO_TEXTURE) {
+    if (TEXTURED != 0u && m.metallic_roughness_texture != NO_TEXTURE) {
         vec4 t = texture_at(m.metallic_roughness_texture, uv);
         s.metallic *= t.b;
         s.roughness *= t.g;
     }
     s.emissive = m.emissive;
-    if (m.emissive_texture != NO_TEXTURE) {
+    if (TEXTURED != 0u && m.emissive_texture != NO_TEXTURE) {
         s.emissive *= texture_at(m.emissive_texture, uv).rgb;
     }
     s.absorption_per_m = m.absorption_per_m;
@@ -188,16 +188,17 @@ vec3 diffuse_color(Surface s) {
     return s.base * (1.0 - s.metallic) * (1.0 - s.transmission) * (1.0 - dielectric_f0(s) * specular_scale(s));
 }
 
+// Whether anything of this surface changes when the eye moves.
+bool depends_on_eye(Surface s) {
+    return s.clearcoat > 0.0 || s.transmission > 0.0 || (specular_scale(s) > 0.0 && (s.metallic > 0.0 || dielectric_f0(s) > 0.0));
+}
+
 #ifdef MATERIALS_KNOWN
-vec3 shadow_crossing(uint instance, uint triangle, vec2 barycentric, vec3 direction_object) {
-    Surface s = surface_at(instance, triangle, barycentric);
-    vec4 row0, row1, row2;
-    instance_rows(instance, 0, row0, row1, row2);
-    vec3 d = normalize(transform_vector(row0, row1, row2, direction_object));
-    float facing = dot(d, s.normal_geometric);
-    float eta = facing < 0.0 ? s.ior : 1.0 / s.ior;
-    float fresnel = s.thickness > 0.0 ? fresnel_dielectric(facing, eta) : fresnel_dielectric(facing, s.ior);
-    return s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - fresnel));
+vec3 shadow_crossing(Hit hit, vec3 direction) {
+    Surface s = surface_at(hit.instance, hit.triangle, hit.barycentric);
+    float facing = dot(direction, s.normal_geometric);
+    float eta = s.thickness > 0.0 && facing > 0.0 ? 1.0 / s.ior : s.ior;
+    return s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - fresnel_dielectric(facing, eta)));
 }
 #endif
 

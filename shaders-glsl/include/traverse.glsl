@@ -20,9 +20,15 @@ struct Hit {
     vec2 barycentric;
 };
 
+// Whether any surface of the scene lets light through, and whether any material has a texture: known when pipelines are made, so
+// that a scene without them pays nothing. Branches cost as much untaken as taken on a driver that runs both sides under a mask.
+layout(constant_id = 2) const uint TEXTURED = 1u;
+layout(constant_id = 3) const uint TRANSMISSIVE = 1u;
+
 // Node groups have a bit set in the top byte of y; primitive groups only below it.
 const uint NODE_BITS = 0xff000000u;
-const int STACK_SIZE = 48;
+// The CPU builds no structure deeper than this (daemon/scene/src/bvh.rs).
+const int STACK_SIZE = 24;
 
 // Far plane of a box, relative: the slab arithmetic on quantised planes loses a ray in a million without it.
 const float BOX_PAD = 1.000002;
@@ -102,164 +108,178 @@ uint intersect_node(uvec4 n0, uvec4 n1, uvec4 n2, uvec4 n3, uvec4 n4, vec3 origi
 }
 
 // What ends a walk.
-const int CLOSEST = 0;  // the nearest hit
-const int ANY = 1;      // the first hit of anything: visibility between physical things
-const int SHADOW = 2;   // the first opaque hit; what lets light through dims `transmittance`
+const int CLOSEST = 0; // the nearest hit
+const int ANY = 1;     // the first hit of anything: visibility between physical things
+const int SHADOW = 2;  // the first opaque hit; else the nearest of what lets light through
 
-#ifdef MATERIALS_KNOWN
-// How a crossing of a surface that lets light through dims a shadow ray; defined in surface.glsl.
-vec3 shadow_crossing(uint instance, uint triangle, vec2 barycentric, vec3 direction_object);
-#else
-vec3 shadow_crossing(uint instance, uint triangle, vec2 barycentric, vec3 direction_object) {
-    return vec3(0.0);
+const uint ROOT = 0x80000000u;
+
+// The group's nearest child that is left: takes it out of the group and returns its number.
+uint next_child(inout uvec2 group, uint octant4) {
+    uint bit = uint(findMSB(group.y));
+    uint slot = (bit - 24u) ^ (octant4 & 0xffu);
+    uint child = group.x + uint(bitCount(group.y & 0xffu & ~(0xffffffffu << slot)));
+    group.y &= ~(1u << bit);
+    return child;
 }
-#endif
 
-// Walks both levels. `hit.t` starts at the ray's t_max. True when `ANY` or `SHADOW` ended at a hit.
-bool traverse(Ray ray, uint roles, const int goal, inout Hit hit, inout vec3 transmittance) {
+// Walks one mesh; `ray` is in its object space, where its direction has any length and its parameter is the world's.
+// True when `goal` needs no more.
+bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, bool lets_through, inout Hit hit) {
+    vec3 inverse = safe_inverse(ray.direction);
+    uint octant4 = octant_inverse(ray.direction);
+    bool done = false;
+    float nearest = hit.t;
+
     uvec2 stack[STACK_SIZE];
     int top = 0;
-    int floor_of_mesh = 0;
-    bool in_mesh = false;
-
-    vec3 origin = ray.origin;
-    vec3 direction = ray.direction;
-    vec3 inverse = safe_inverse(direction);
-    uint octant4 = octant_inverse(direction);
-
-    uint instance = NO_INSTANCE;
-    uint instance_flags = 0u;
-    int node_base = 0;
-    int triangle_base = 0;
-
-    hit = Hit(ray.t_max, NO_INSTANCE, 0u, vec2(0.0));
-    uvec2 group = uvec2(0u, frame.tlas_node_count > 0u ? 0x80000000u : 0u);
+    uvec2 group = uvec2(0u, ROOT);
     uvec2 primitives = uvec2(0u);
-
     while (true) {
         count_step();
-        if (primitives.y != 0u) {
+        while (primitives.y != 0u) {
+            count_step();
             uint bit = uint(findMSB(primitives.y));
             primitives.y &= ~(1u << bit);
-            uint primitive = primitives.x + bit;
-            if (in_mesh) {
-                // A triangle of the mesh; the ray's parameter is the same in object space, since its direction is not normalised there.
-                int at = (triangle_base + int(primitive)) * 3;
-                vec2 barycentric;
-                float t = intersect_triangle(origin, direction, texelFetch(triangles, at).xyz, texelFetch(triangles, at + 1).xyz,
-                                             texelFetch(triangles, at + 2).xyz, barycentric);
-                if (t > ray.t_min && t < hit.t) {
-                    if (goal == SHADOW && (instance_flags & (INSTANCE_OPAQUE | ROLE_MASK)) == 0u) {
-                        transmittance *= shadow_crossing(instance, primitive, barycentric, direction);
-                        if (max(transmittance.x, max(transmittance.y, transmittance.z)) < 1.0 / 1024.0) {
-                            return true;
-                        }
-                    } else {
-                        hit = Hit(t, instance, primitive, barycentric);
-                        if (goal != CLOSEST) {
-                            return true;
-                        }
-                    }
-                }
-            } else {
-                // An instance: put the rest of the top level aside and enter its mesh with the ray in its space.
-                uint entered = texelFetch(tlas_order, int(primitive)).x;
-                InstanceWords words = instance_words(entered);
-                if ((words.flags & roles) != 0u) {
-                    if (primitives.y != 0u) {
-                        stack[top++] = primitives;
-                        primitives.y = 0u;
-                    }
-                    if ((group.y & NODE_BITS) != 0u) {
-                        stack[top++] = group;
-                    }
-                    instance = entered;
-                    instance_flags = words.flags;
-                    node_base = int(words.node_base);
-                    triangle_base = int(words.triangle_base);
-                    vec4 row0, row1, row2;
-                    instance_rows(entered, 3, row0, row1, row2);
-                    origin = transform_point(row0, row1, row2, ray.origin);
-                    direction = transform_vector(row0, row1, row2, ray.direction);
-                    inverse = safe_inverse(direction);
-                    octant4 = octant_inverse(direction);
-                    in_mesh = true;
-                    floor_of_mesh = top;
-                    group = uvec2(0u, 0x80000000u);
-                }
+            uint triangle = primitives.x + bit;
+            int at = (int(words.triangle_base) + int(triangle)) * 3;
+            vec2 barycentric;
+            float t = intersect_triangle(ray.origin, ray.direction, texelFetch(triangles, at).xyz,
+                                         texelFetch(triangles, at + 1).xyz, texelFetch(triangles, at + 2).xyz, barycentric);
+            if (t > ray.t_min && t < nearest) {
+                hit = Hit(t, instance, triangle, barycentric);
+                nearest = t;
+                done = goal == ANY || goal == SHADOW && !lets_through;
+                nearest = done ? -1.0 : nearest;
+                primitives.y = done ? 0u : primitives.y;
             }
-        } else if ((group.y & NODE_BITS) != 0u) {
-            // The nearest child of the group that is left; the others wait on the stack.
-            uint bit = uint(findMSB(group.y));
-            uint inner_children = group.y & 0xffu;
-            group.y &= ~(1u << bit);
+        }
+
+        // The nearest child of the group; where none is left, of the group that waits on top of the stack.
+        if ((group.y & NODE_BITS) == 0u) {
+            if (top == 0 || done) {
+                break;
+            }
+            group = stack[--top];
+        }
+        uint child = next_child(group, octant4);
+        if ((group.y & NODE_BITS) != 0u) {
+            stack[top++] = group;
+        }
+        int at = (int(words.node_base) + int(child)) * 5;
+        uvec4 n0 = texelFetch(blas_nodes, at);
+        uvec4 n1 = texelFetch(blas_nodes, at + 1);
+        uint mask = intersect_node(n0, n1, texelFetch(blas_nodes, at + 2), texelFetch(blas_nodes, at + 3),
+                                   texelFetch(blas_nodes, at + 4), ray.origin, inverse, octant4, ray.t_min, nearest);
+        group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
+        primitives = uvec2(n1.y, mask & ~NODE_BITS);
+    }
+    return done;
+}
+
+// Walks both levels. True when `ANY` or `SHADOW` ended early. A walk for a shadow leaves in `hit` what it met: something opaque where
+// it returned true, else the nearest surface that lets light through.
+bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
+    vec3 inverse = safe_inverse(ray.direction);
+    uint octant4 = octant_inverse(ray.direction);
+    bool done = false;
+    hit = Hit(ray.t_max, NO_INSTANCE, 0u, vec2(0.0));
+    Hit through = hit;
+
+    uvec2 stack[STACK_SIZE];
+    int top = 0;
+    uvec2 group = uvec2(0u, frame.tlas_node_count > 0u ? ROOT : 0u);
+    uvec2 entries = uvec2(0u);
+    while (true) {
+        count_step();
+        if (entries.y == 0u) {
+            if ((group.y & NODE_BITS) == 0u) {
+                if (top == 0 || done) {
+                    break;
+                }
+                group = stack[--top];
+            }
+            uint child = next_child(group, octant4);
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            uint slot = (bit - 24u) ^ (octant4 & 0xffu);
-            uint child = group.x + uint(bitCount(inner_children & ~(0xffffffffu << slot)));
-            uvec4 n0, n1, n2, n3, n4;
-            if (in_mesh) {
-                int at = (node_base + int(child)) * 5;
-                n0 = texelFetch(blas_nodes, at);
-                n1 = texelFetch(blas_nodes, at + 1);
-                n2 = texelFetch(blas_nodes, at + 2);
-                n3 = texelFetch(blas_nodes, at + 3);
-                n4 = texelFetch(blas_nodes, at + 4);
-            } else {
-                int at = int(child) * 5;
-                n0 = texelFetch(tlas_nodes, at);
-                n1 = texelFetch(tlas_nodes, at + 1);
-                n2 = texelFetch(tlas_nodes, at + 2);
-                n3 = texelFetch(tlas_nodes, at + 3);
-                n4 = texelFetch(tlas_nodes, at + 4);
-            }
-            uint mask = intersect_node(n0, n1, n2, n3, n4, origin, inverse, octant4, ray.t_min, hit.t);
+            int at = int(child) * 5;
+            uvec4 n0 = texelFetch(tlas_nodes, at);
+            uvec4 n1 = texelFetch(tlas_nodes, at + 1);
+            uint mask = intersect_node(n0, n1, texelFetch(tlas_nodes, at + 2), texelFetch(tlas_nodes, at + 3),
+                                       texelFetch(tlas_nodes, at + 4), ray.origin, inverse, octant4, ray.t_min, hit.t);
             group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
-            primitives = uvec2(n1.y, mask & ~NODE_BITS);
-        } else {
-            // Nothing left here: leave the mesh if this was its last group, and go on with what waits.
-            if (in_mesh && top == floor_of_mesh) {
-                in_mesh = false;
-                origin = ray.origin;
-                direction = ray.direction;
-                inverse = safe_inverse(direction);
-                octant4 = octant_inverse(direction);
-            }
-            if (top == 0) {
-                break;
-            }
-            uvec2 waiting = stack[--top];
-            if ((waiting.y & NODE_BITS) != 0u) {
-                group = waiting;
-            } else {
-                primitives = waiting;
-                group = uvec2(0u);
+            entries = uvec2(n1.y, mask & ~NODE_BITS);
+        }
+
+        // The instances of a leaf, one after the other, each with the ray in its own space.
+        if (entries.y != 0u && !done) {
+            uint bit = uint(findMSB(entries.y));
+            entries.y &= ~(1u << bit);
+            uint instance = texelFetch(tlas_order, int(entries.x + bit)).x;
+            InstanceWords words = instance_words(instance);
+            if ((words.flags & roles) != 0u) {
+                vec4 row0, row1, row2;
+                instance_rows(instance, 3, row0, row1, row2);
+                Ray inside = Ray(transform_point(row0, row1, row2, ray.origin), transform_vector(row0, row1, row2, ray.direction),
+                                 ray.t_min, ray.t_max);
+                // What lets light through hides nothing behind it: the walk for opaque things keeps its length.
+                bool lets_through = goal == SHADOW && TRANSMISSIVE != 0u && (words.flags & (INSTANCE_OPAQUE | ROLE_MASK)) == 0u;
+                Hit met = hit;
+                if (lets_through) {
+                    met = through;
+                }
+                done = traverse_mesh(inside, instance, words, goal, lets_through, met);
+                if (lets_through) {
+                    through = met;
+                } else {
+                    hit = met;
+                }
             }
         }
+        entries.y = done ? 0u : entries.y;
+        group.y = done ? 0u : group.y;
     }
-    return false;
+    if (goal == SHADOW && !done) {
+        hit = through;
+    }
+    return done;
 }
 
 Hit trace_closest(Ray ray, uint roles) {
     Hit hit;
-    vec3 unused = vec3(1.0);
-    traverse(ray, roles, CLOSEST, hit, unused);
+    traverse(ray, roles, CLOSEST, hit);
     return hit;
 }
 
 bool is_blocked(Ray ray, uint roles) {
     Hit hit;
-    vec3 unused = vec3(1.0);
-    return traverse(ray, roles, ANY, hit, unused);
+    return traverse(ray, roles, ANY, hit);
 }
 
-// The share of light that arrives, by channel: 0 behind anything opaque.
+#ifdef MATERIALS_KNOWN
+// How a crossing of a surface that lets light through dims a shadow ray; defined in surface.glsl.
+vec3 shadow_crossing(Hit hit, vec3 direction);
+
+// The share of light that arrives, by channel: 0 behind anything opaque, dimmed by each surface that lets light through, unbent.
 vec3 trace_shadow(Ray ray) {
     ++shadow_rays_made;
-    Hit hit;
     vec3 transmittance = vec3(1.0);
-    return traverse(ray, EVERYTHING, SHADOW, hit, transmittance) ? vec3(0.0) : transmittance;
+    while (true) {
+        Hit hit;
+        if (traverse(ray, EVERYTHING, SHADOW, hit)) {
+            return vec3(0.0);
+        }
+        if (TRANSMISSIVE == 0u || hit.instance == NO_INSTANCE) {
+            return transmittance;
+        }
+        transmittance *= shadow_crossing(hit, ray.direction);
+        ray.t_min = hit.t;
+        if (max(transmittance.x, max(transmittance.y, transmittance.z)) < 1.0 / 1024.0) {
+            return vec3(0.0);
+        }
+    }
 }
+#endif
 
 #endif

@@ -34,6 +34,8 @@ pub(crate) enum Access {
     CopyWrite,
     /// A read through mapped memory.
     HostRead,
+    /// Workgroup counts of an indirect dispatch.
+    Indirect,
 }
 
 /// What an access is in Vulkan's terms.
@@ -46,7 +48,7 @@ pub(crate) struct Scope {
 }
 
 impl Access {
-    pub(crate) const COUNT: usize = 13;
+    pub(crate) const COUNT: usize = 14;
 
     pub(crate) const ALL: [Access; Access::COUNT] = [
         Access::ComputeUniform,
@@ -62,6 +64,7 @@ impl Access {
         Access::CopyRead,
         Access::CopyWrite,
         Access::HostRead,
+        Access::Indirect,
     ];
 
     /// The table.
@@ -85,6 +88,7 @@ impl Access {
             Access::CopyRead => (S::ALL_TRANSFER, A::TRANSFER_READ, L::TRANSFER_SRC_OPTIMAL),
             Access::CopyWrite => (S::ALL_TRANSFER, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
             Access::HostRead => (S::HOST, A::HOST_READ, L::UNDEFINED),
+            Access::Indirect => (S::DRAW_INDIRECT, A::INDIRECT_COMMAND_READ, L::UNDEFINED),
         };
         Scope { stages, access, layout }
     }
@@ -151,7 +155,7 @@ mod tests {
         for (bit, access) in (0u32..).zip(Access::ALL) {
             assert_eq!(access as u32, bit);
         }
-        assert_eq!(Access::HostRead as usize + 1, Access::COUNT);
+        assert_eq!(Access::Indirect as usize + 1, Access::COUNT);
     }
 
     #[test]
@@ -177,6 +181,7 @@ mod tests {
             (A::TRANSFER_READ, S::ALL_TRANSFER),
             (A::TRANSFER_WRITE, S::ALL_TRANSFER),
             (A::HOST_READ, S::HOST),
+            (A::INDIRECT_COMMAND_READ, S::DRAW_INDIRECT),
         ];
         for access in Access::ALL {
             let scope = access.scope();

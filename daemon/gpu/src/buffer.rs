@@ -63,7 +63,7 @@ impl BufferKind {
         let copies = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
         match self {
-            BufferKind::Storage => copies | storage,
+            BufferKind::Storage => copies | storage | vk::BufferUsageFlags::INDIRECT_BUFFER,
             BufferKind::Texel(_) => copies | storage | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER,
             BufferKind::Uniform => copies | vk::BufferUsageFlags::UNIFORM_BUFFER,
             BufferKind::Readback | BufferKind::Staging => copies,

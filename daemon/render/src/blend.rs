@@ -5,8 +5,9 @@
 use lantern_gpu::{GpuError, Recorder};
 
 use crate::projector::{Bound, Plane};
+use crate::targets::Targets;
 
 /// Records the pass.
-pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, groups: [u32; 3]) -> Result<(), GpuError> {
-    bound.each_plane(recorder, "blend", |p: &Plane| &p.blend, |l| &l.blend, groups)
+pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
+    bound.each_plane(recorder, "blend", |p: &Plane| &p.blend, |l| &l.blend, targets.groups())
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use lantern_gpu::{ComputePipeline, DepthTest, Device, GpuError, GraphicsDesc, GraphicsPipeline, ImageFormat};
+use lantern_scene::Scene;
 
 use crate::renderer::Settings;
 use crate::shaders;
@@ -11,6 +12,27 @@ use crate::shaders;
 const EYE_AT_PROJECTOR: u32 = 0;
 /// Specialisation constant of every shader that traces.
 const COUNT_RAYS: u32 = 1;
+
+/// Specialisation constant of every shader that looks at surfaces: any texture.
+const TEXTURED: u32 = 2;
+/// Specialisation constant of every shader that traces shadows: any material that lets light through.
+const TRANSMISSIVE: u32 = 3;
+
+/// What of a scene the pipelines are made for. Branches are no way around work on a driver that runs both sides under a mask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Features {
+    textured: bool,
+    transmissive: bool,
+}
+
+impl Features {
+    pub(crate) fn of(scene: &Scene) -> Self {
+        Self {
+            textured: !scene.textures.headers.is_empty(),
+            transmissive: scene.gpu_materials.iter().any(|m| m.transmission > 0.0),
+        }
+    }
+}
 
 /// Formats of the composite's colour attachments: radiance with weight, and node.
 pub(crate) const ATTACHMENTS: &[ImageFormat] = &[ImageFormat::Rgba32Float, ImageFormat::R32Float];
@@ -30,9 +52,11 @@ pub(crate) struct Pipelines {
 }
 
 impl Pipelines {
-    pub(crate) fn new(device: &Arc<Device>, settings: &Settings) -> Result<Self, GpuError> {
+    pub(crate) fn new(device: &Arc<Device>, settings: &Settings, features: Features) -> Result<Self, GpuError> {
         let count = (COUNT_RAYS, u32::from(settings.count_rays));
         let eye_at_projector = (EYE_AT_PROJECTOR, u32::from(settings.eye_at_projector));
+        let textured = (TEXTURED, u32::from(features.textured));
+        let transmissive = (TRANSMISSIVE, u32::from(features.transmissive));
         let compute = |shader, constants: &[(u32, u32)]| ComputePipeline::new(device, shader, constants);
         let graphics = |name, vertex, fragment, depth_test, constants: &[(u32, u32)]| {
             GraphicsPipeline::new(
@@ -51,14 +75,14 @@ impl Pipelines {
         let composite = |name, test| graphics(name, &shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG, test, &[]);
         Ok(Self {
             primary: compute(&shaders::PRIMARY_COMP, &[count])?,
-            light: compute(&shaders::LIGHT_COMP, &[count])?,
-            secondary: compute(&shaders::SECONDARY_COMP, &[eye_at_projector, count])?,
-            blend: compute(&shaders::BLEND_COMP, &[count])?,
+            light: compute(&shaders::LIGHT_COMP, &[count, textured, transmissive])?,
+            secondary: compute(&shaders::SECONDARY_COMP, &[eye_at_projector, count, textured, transmissive])?,
+            blend: compute(&shaders::BLEND_COMP, &[count, textured])?,
             resolve: compute(&shaders::RESOLVE_COMP, &[])?,
-            room: compute(&shaders::ROOM_COMP, &[])?,
+            room: compute(&shaders::ROOM_COMP, &[textured])?,
             composite_first: composite("composite, first", DepthTest::Always)?,
             composite_over: composite("composite, over raster", DepthTest::LessOrEqual)?,
-            raster: graphics("raster", &shaders::RASTER_VERT, &shaders::RASTER_FRAG, DepthTest::Less, &[])?,
+            raster: graphics("raster", &shaders::RASTER_VERT, &shaders::RASTER_FRAG, DepthTest::Less, &[textured])?,
         })
     }
 }

@@ -5,8 +5,9 @@
 use lantern_gpu::{GpuError, Recorder};
 
 use crate::projector::{Bound, Plane};
+use crate::targets::Targets;
 
 /// Records the pass.
-pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, groups: [u32; 3]) -> Result<(), GpuError> {
-    bound.each_plane(recorder, "primary", |p: &Plane| &p.primary, |l| &l.primary, groups)
+pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
+    bound.each_plane(recorder, "primary", |p: &Plane| &p.primary, |l| &l.primary, targets.groups())
 }

@@ -36,8 +36,8 @@ pub(crate) struct Bound {
 impl Bound {
     fn new(pipelines: &Arc<Pipelines>, targets: &Targets, scene: &Catalogue) -> Result<Self, GpuError> {
         let all = targets.list(scene.clone());
-        let plane = |hits: &Arc<Buffer>| {
-            let all = all.clone().with_buffer("Hits", hits);
+        let plane = |(hits, live): (&Arc<Buffer>, &Arc<Buffer>)| {
+            let all = all.clone().with_buffer("Hits", hits).with_buffer("Live", live);
             Ok::<_, GpuError>(Plane {
                 primary: all.bind(&*pipelines.primary, &[&shaders::PRIMARY_COMP])?,
                 light: all.bind(&*pipelines.light, &[&shaders::LIGHT_COMP])?,
@@ -46,12 +46,17 @@ impl Bound {
             })
         };
         Ok(Self {
-            planes: targets.hits.iter().map(plane).collect::<Result<_, _>>()?,
+            planes: targets.hits.iter().zip(&targets.live).map(plane).collect::<Result<_, _>>()?,
             composite: all.bind(&*pipelines.composite_first, &[&shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG])?,
             raster: all.bind(&*pipelines.raster, &[&shaders::RASTER_VERT, &shaders::RASTER_FRAG])?,
             resolve: all.bind(&*pipelines.resolve, &[&shaders::RESOLVE_COMP])?,
             pipelines: pipelines.clone(),
         })
+    }
+
+    /// The sample planes with their numbers.
+    pub(crate) fn planes(&self) -> impl Iterator<Item = (u32, &Plane)> {
+        (0..).zip(&self.planes)
     }
 
     /// One dispatch a sample plane: no invocation does more than one sample, which keeps its loops far below the 65,535 turns
@@ -65,8 +70,8 @@ impl Bound {
         groups: [u32; 3],
     ) -> Result<(), GpuError> {
         recorder.span(span, |recorder| {
-            for (sample, plane) in self.planes.iter().enumerate() {
-                let push = [sample as u32, 0];
+            for (sample, plane) in self.planes() {
+                let push = [sample, 0];
                 recorder.dispatch(pipeline(&self.pipelines), bindings(plane), bytemuck::bytes_of(&push), groups)?;
             }
             Ok(())
@@ -129,8 +134,7 @@ impl Projector {
             recorder.upload(&self.targets.sample_state, 0, bytemuck::cast_slice(&words))?;
         }
         recorder.fill(&self.targets.counters, 0)?;
-        let groups = self.targets.groups();
-        let passes: [(bool, fn(&mut Recorder, &Bound, [u32; 3]) -> Result<(), GpuError>); 4] = [
+        let passes: [(bool, fn(&mut Recorder, &Bound, &Targets) -> Result<(), GpuError>); 4] = [
             (self.stale.primary, primary::record),
             (self.stale.light, light::record),
             (self.stale.weight, blend::record),
@@ -138,10 +142,10 @@ impl Projector {
         ];
         for (stale, record) in passes {
             if stale {
-                record(&mut recorder, bound, groups)?;
+                record(&mut recorder, bound, &self.targets)?;
             }
         }
-        recorder.span("composite", |recorder| self.record_composite(recorder, bound, settings, groups))?;
+        recorder.span("composite", |recorder| self.record_composite(recorder, bound, settings))?;
         recorder.finish().map(Some)
     }
 
@@ -152,7 +156,6 @@ impl Projector {
         recorder: &mut Recorder,
         bound: &Bound,
         settings: &Settings,
-        groups: [u32; 3],
     ) -> Result<(), GpuError> {
         let strata = if self.raster_nodes.is_empty() { 1 } else { settings.samples.isqrt() };
         let order = if self.raster_nodes.is_empty() { RasterOrder::After } else { settings.raster };
@@ -160,7 +163,7 @@ impl Projector {
             let from_centre = |i: u32| (i as f32 + 0.5) / strata as f32 - 0.5;
             let offset_px = [from_centre(pass % strata), from_centre(pass / strata)];
             composite::record(recorder, bound, &self.targets, &self.raster_nodes, order, offset_px)?;
-            resolve::record(recorder, bound, pass, strata * strata, groups)?;
+            resolve::record(recorder, bound, pass, strata * strata, self.targets.groups())?;
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! The projectors of one device, and a frame of all of them.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -10,7 +11,7 @@ use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder, Submission};
 use lantern_scene::{Scene, changes};
 
 use crate::catalogue::Catalogue;
-use crate::pipelines::Pipelines;
+use crate::pipelines::{Features, Pipelines};
 use crate::projector::Projector;
 use crate::readback::{self, Layer, LayerImage};
 use crate::scene_buffers::SceneBuffers;
@@ -107,7 +108,8 @@ pub(crate) const HUNG_AFTER: Duration = Duration::from_secs(60);
 /// Renders for the projectors of one device.
 pub struct Renderer {
     device: Arc<Device>,
-    pipelines: Arc<Pipelines>,
+    /// Those of the scene, and of scenes before it, by what they were made for.
+    pipelines: BTreeMap<Features, Arc<Pipelines>>,
     settings: Settings,
     scene_buffers: SceneBuffers,
     scene: Arc<Scene>,
@@ -140,7 +142,7 @@ impl Renderer {
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             device: device.clone(),
-            pipelines: Arc::new(Pipelines::new(device, &settings)?),
+            pipelines: BTreeMap::new(),
             settings,
             scene_buffers: SceneBuffers::new(device)?,
             scene,
@@ -181,6 +183,7 @@ impl Renderer {
         if Arc::ptr_eq(&self.scene, &scene) {
             return;
         }
+        self.rebind |= Features::of(&self.scene) != Features::of(&scene);
         let mut stale = stale_by(&changes(&self.scene, &scene));
         if scene.origin_m != self.scene.origin_m {
             stale = Stale::EVERYTHING;
@@ -273,12 +276,23 @@ impl Renderer {
             submission = Some(self.device.submit(recorder.finish()?, &[])?);
             self.frusta_written = true;
         }
-        let catalogue = self.catalogue();
+        let (catalogue, pipelines) = (self.catalogue(), self.pipelines()?);
         for projector in &mut self.projectors {
-            projector.take(&self.scene, &catalogue, &self.pipelines, self.rebind)?;
+            projector.take(&self.scene, &catalogue, &pipelines, self.rebind)?;
         }
         self.rebind = false;
         Ok(submission)
+    }
+
+    /// The pipelines for the scene as it is; made when such a scene is first shown.
+    fn pipelines(&mut self) -> Result<Arc<Pipelines>, GpuError> {
+        let features = Features::of(&self.scene);
+        if let Some(made) = self.pipelines.get(&features) {
+            return Ok(made.clone());
+        }
+        let made = Arc::new(Pipelines::new(&self.device, &self.settings, features)?);
+        self.pipelines.insert(features, made.clone());
+        Ok(made)
     }
 
     /// What the projectors of this device share.
@@ -299,9 +313,10 @@ impl Renderer {
     ///
     /// # Errors
     /// What Vulkan says.
-    pub fn room(&self, eye: DVec3, size_px: [u32; 2]) -> Result<LayerImage, RenderError> {
+    pub fn room(&mut self, eye: DVec3, size_px: [u32; 2]) -> Result<LayerImage, RenderError> {
+        let pipelines = self.pipelines()?;
         let of = room::View { scene: &self.scene, settings: &self.settings, projectors: &self.projectors };
-        room::render(&self.device, &self.pipelines, &self.catalogue(), &of, eye, size_px)
+        room::render(&self.device, &pipelines, &self.catalogue(), &of, eye, size_px)
     }
 }
 

@@ -1,12 +1,21 @@
 //! Light that depends on the eye: reflection, refraction, highlights, and virtual things on the line of sight.
 //!
-//! Reads `Hits`; writes `Look`, what is to be added to `Light`. PAPER.md, View-dependent Rendering; Whitted, CACM 23(6), 1980.
+//! Reads `Hits` and `Live`, the list of the pixels that there is anything to do for; writes `Look`, what is to be added to `Light`. PAPER.md, View-dependent Rendering; Whitted, CACM 23(6), 1980.
 
 use lantern_gpu::{GpuError, Recorder};
 
-use crate::projector::{Bound, Plane};
+use crate::projector::Bound;
+use crate::targets::Targets;
 
 /// Records the pass.
-pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, groups: [u32; 3]) -> Result<(), GpuError> {
-    bound.each_plane(recorder, "secondary", |p: &Plane| &p.secondary, |l| &l.secondary, groups)
+pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
+    recorder.span("secondary", |recorder| {
+        recorder.fill(&targets.look, 0)?;
+        for ((sample, plane), live) in bound.planes().zip(&targets.live) {
+            let push = [sample, 0];
+            let pipeline = &bound.pipelines.secondary;
+            recorder.dispatch_indirect(pipeline, &plane.secondary, bytemuck::bytes_of(&push), live)?;
+        }
+        Ok(())
+    })
 }

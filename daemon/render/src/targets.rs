@@ -7,7 +7,7 @@ use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Image, ImageFormat, Imag
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
 
-/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 8 for each sample plane, and 128.
+/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 100.
 pub(crate) struct Targets {
     /// Columns and rows.
     pub(crate) size_px: [u32; 2],
@@ -17,6 +17,8 @@ pub(crate) struct Targets {
     pub(crate) sample_state: Arc<Buffer>,
     /// One plane a sample: instance and triangle, 8 bytes a pixel.
     pub(crate) hits: Vec<Arc<Buffer>>,
+    /// One list a sample: the pixels of the plane whose look depends on the eye; 16 bytes and 4 a pixel.
+    pub(crate) live: Vec<Arc<Buffer>>,
     /// Distance, and sample and instance, of the closest sample.
     pub(crate) closest: Arc<Buffer>,
     /// Eye-independent light.
@@ -37,6 +39,12 @@ pub(crate) struct Targets {
     pub(crate) counters: Arc<Buffer>,
 }
 
+/// Bytes of `Live` before its list: workgroups of the indirect dispatch, and how long the list is.
+const LIVE_HEAD: u64 = 16;
+
+/// What an empty list begins with.
+pub(crate) const LIVE_EMPTY: [u32; 4] = [0, 1, 1, 0];
+
 /// Words of `Counters` in `shaders-glsl/include/counters.glsl`.
 pub(crate) const COUNTER_WORDS: u64 = 5;
 
@@ -53,6 +61,7 @@ impl Targets {
             frame: Buffer::new(device, &format!("{name}/frame"), BufferKind::Uniform, size_of::<GpuFrame>() as u64)?,
             sample_state: storage("sample state", u64::from(samples) * 4)?,
             hits: (0..samples).map(|s| storage(&format!("hits {s}"), pixels * 8)).collect::<Result<_, _>>()?,
+            live: (0..samples).map(|s| storage(&format!("live {s}"), LIVE_HEAD + pixels * 4)).collect::<Result<_, _>>()?,
             closest: storage("closest", pixels * 8)?,
             light: storage("light", pixels * 16)?,
             look: storage("look", pixels * 16)?,
@@ -67,7 +76,7 @@ impl Targets {
         })
     }
 
-    /// Adds everything but the hits, of which there is one a sample.
+    /// Adds everything but what there is once for each sample.
     pub(crate) fn list(&self, catalogue: Catalogue) -> Catalogue {
         catalogue
             .with_buffer("Frame", &self.frame)

@@ -12,6 +12,7 @@ use ash::vk;
 use crate::access::{Access, AccessSet};
 use crate::barrier::{Covered, Gathered};
 use crate::binding::{Bindings, layout_of};
+use crate::buffer::{Buffer, BufferKind};
 use crate::device::Device;
 use crate::encoder::Encoder;
 use crate::error::GpuError;
@@ -152,6 +153,38 @@ impl Recorder {
         unsafe { self.raw().cmd_dispatch(self.recording.commands(), groups[0], groups[1], groups[2]) };
         self.keep(pipeline);
         self.keep(bindings);
+        Ok(())
+    }
+
+    /// Runs a compute pipeline on as many workgroups as the three words at the beginning of `counts` say when the device
+    /// gets there. What writes them is trusted as every shader is, to stay within the device's limit.
+    ///
+    /// # Errors
+    /// As for [`Recorder::dispatch`], and [`GpuError::Misuse`] for a buffer of another kind than storage.
+    pub fn dispatch_indirect(
+        &mut self,
+        pipeline: &Arc<ComputePipeline>,
+        bindings: &Arc<Bindings>,
+        push: &[u8],
+        counts: &Arc<Buffer>,
+    ) -> Result<(), GpuError> {
+        self.check_outside()?;
+        self.check_pipeline(&pipeline.layout, bindings, push)?;
+        if counts.kind() != BufferKind::Storage {
+            return Err(GpuError::misuse(counts.name(), "counts of an indirect dispatch lie in a storage buffer"));
+        }
+        counts.check_range(0, 12)?;
+        let mut uses = Uses::default();
+        uses.add_bindings(bindings)?;
+        uses.add_buffer(counts, AccessSet::of(Access::Indirect));
+        self.apply(&uses)?;
+        self.bind(vk::PipelineBindPoint::COMPUTE, pipeline.raw, &pipeline.layout, bindings, push);
+        // SAFETY: pipeline, bindings and push constants are bound, all for this layout; the buffer may hold counts, has
+        // three words, is kept below and was made available by the barrier before.
+        unsafe { self.raw().cmd_dispatch_indirect(self.recording.commands(), counts.raw, 0) };
+        self.keep(pipeline);
+        self.keep(bindings);
+        self.keep(counts);
         Ok(())
     }
 
