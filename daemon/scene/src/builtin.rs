@@ -66,7 +66,7 @@ fn sphere() -> MeshData {
             let (sin_theta, cos_theta) = (v * std::f64::consts::PI).sin_cos();
             let sin_theta = if row == SPHERE_ROWS { 0.0 } else { sin_theta };
             let point = DVec3::new(sin_theta * sin_phi, cos_theta, sin_theta * cos_phi);
-            push_vertex(&mut data, point, point, DVec2::new(u, v));
+            data.push_vertex(point, point, DVec2::new(u, v));
         }
     }
     for row in 0..SPHERE_ROWS {
@@ -74,10 +74,10 @@ fn sphere() -> MeshData {
             let a = row * (columns + 1) + column;
             let (b, c, d) = (a + columns + 1, a + columns + 2, a + 1);
             if row + 1 < SPHERE_ROWS {
-                push_triangle(&mut data, [a, b, c], 0);
+                data.push_triangle([a, b, c], 0);
             }
             if row > 0 {
-                push_triangle(&mut data, [a, c, d], 0);
+                data.push_triangle([a, c, d], 0);
             }
         }
     }
@@ -122,21 +122,10 @@ fn push_face(data: &mut MeshData, centre: DVec3, right: DVec3, up: DVec3, materi
     let first = data.positions.len() as u32;
     for (x, y) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
         let point = centre + right * (x - 0.5) + up * (y - 0.5);
-        push_vertex(data, point, right.cross(up), DVec2::new(x, 1.0 - y));
+        data.push_vertex(point, right.cross(up), DVec2::new(x, 1.0 - y));
     }
-    push_triangle(data, [first, first + 1, first + 2], material);
-    push_triangle(data, [first, first + 2, first + 3], material);
-}
-
-pub(crate) fn push_vertex(data: &mut MeshData, position_m: DVec3, normal: DVec3, uv: DVec2) {
-    data.positions.push(position_m.as_vec3().to_array());
-    data.normals.push(normal.as_vec3().to_array());
-    data.uvs.push(uv.as_vec2().to_array());
-}
-
-pub(crate) fn push_triangle(data: &mut MeshData, triangle: [u32; 3], material: u32) {
-    data.indices.push(triangle);
-    data.materials.push(material);
+    data.push_triangle([first, first + 1, first + 2], material);
+    data.push_triangle([first, first + 2, first + 3], material);
 }
 
 #[cfg(test)]

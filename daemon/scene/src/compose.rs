@@ -16,9 +16,9 @@ use crate::pack::{
     GpuGeometry, GpuInstance, GpuMaterial, GpuTop, INSTANCE_OPAQUE, NO_TEXTURE, ROLE_MASK, ROLE_PROP, ROLE_RASTER,
     ROLE_VIRTUAL,
 };
-use crate::raycast::Top;
 use crate::scene::{Instance, Node, Parts, PlacedAsset, Scene, world_bounds};
 use crate::texture;
+use crate::top::Top;
 
 /// How far the scene's middle may lie from the origin that GPU positions are relative to, before that origin moves.
 const ORIGIN_REACH_M: f64 = 1000.0;

@@ -19,11 +19,11 @@ use crate::light::LightState;
 use crate::limits::Limits;
 use crate::material;
 use crate::pack::{GpuGeometry, GpuTextures, GpuTop};
-use crate::raycast::Top;
 use crate::scene::{EnvironmentSource, Node, Parts, Scene};
+use crate::top::Top;
 
 /// Holds the newest revision and makes the next.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Editor {
     limits: Limits,
     /// Canonical.
@@ -40,6 +40,8 @@ pub struct SceneProblem {
     pub code: &'static str,
     /// Which entry of the configuration: `scene.node "car"`.
     pub at: String,
+    /// Which value of the entry, as the edit calls it: `uri`; empty where the entry as a whole is meant.
+    pub field: &'static str,
     /// Cause, and after `hint:` the remedy.
     pub message: String,
 }
@@ -87,7 +89,7 @@ impl Editor {
         let mut problems = vec![];
         for (at, edit) in black.into_iter().chain(crate::configured::edits(scene)) {
             if let Err(fault) = self.take(&mut draft, &edit, Access::Anywhere(&folders)) {
-                problems.push(SceneProblem { code: fault.code, at, message: fault.message });
+                problems.push(SceneProblem { code: fault.code, at, field: fault.field, message: fault.message });
             }
         }
         if problems.is_empty() {
@@ -97,7 +99,11 @@ impl Editor {
                     return Ok(self.publish(draft));
                 }
                 Err(error) => {
-                    problems.push(SceneProblem { code: error.code(), at: "scene".into(), message: error.to_string() });
+                    let at = match &error {
+                        ComposeError::Transform { node } => format!("scene.node {node:?}"),
+                        ComposeError::TooLarge { .. } => "scene".to_owned(),
+                    };
+                    problems.push(SceneProblem { code: error.code(), at, field: "", message: error.to_string() });
                 }
             }
         }

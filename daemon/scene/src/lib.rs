@@ -31,6 +31,7 @@ mod studio;
 mod teapot;
 mod teapot_data;
 mod texture;
+mod top;
 
 pub use compose::octahedral;
 pub use edit::EditError;

@@ -1,6 +1,6 @@
 //! One mesh and the bottom-level structure over its triangles.
 
-use glam::{DVec3, Vec3, Vec3A};
+use glam::{DVec2, DVec3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 
 use crate::bvh::Bvh;
@@ -32,6 +32,19 @@ impl MeshData {
         self.uvs.extend(other.uvs);
         self.indices.extend(other.indices.into_iter().map(|triangle| triangle.map(|vertex| vertex + base)));
         self.materials.extend(other.materials);
+    }
+
+    /// Adds a vertex.
+    pub(crate) fn push_vertex(&mut self, position_m: DVec3, normal: DVec3, uv: DVec2) {
+        self.positions.push(position_m.as_vec3().to_array());
+        self.normals.push(normal.as_vec3().to_array());
+        self.uvs.push(uv.as_vec2().to_array());
+    }
+
+    /// Adds a triangle of vertices that are there, or will be.
+    pub(crate) fn push_triangle(&mut self, triangle: [u32; 3], material: u32) {
+        self.indices.push(triangle);
+        self.materials.push(material);
     }
 }
 

@@ -2,20 +2,10 @@
 
 use glam::{DVec3, Vec2, Vec3};
 use lantern_proto::Role;
-use obvhs::aabb::Aabb;
 
-use crate::bvh::{BoxRay, Bvh};
+use crate::bvh::BoxRay;
 use crate::pack::{ROLE_MASK, ROLE_PROP, ROLE_RASTER, ROLE_VIRTUAL};
 use crate::scene::Scene;
-
-/// The top level as the CPU walks it.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Top {
-    pub(crate) bvh: Bvh,
-    /// What it was built over, relative to the origin, and the instance of each.
-    pub(crate) boxes: Vec<Aabb>,
-    pub(crate) instances: Vec<u32>,
-}
 
 /// What a ray met first.
 #[derive(Clone, Copy, Debug, PartialEq)]

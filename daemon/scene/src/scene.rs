@@ -11,7 +11,7 @@ use crate::light::LightState;
 use crate::material::{self, Material};
 use crate::mesh::Mesh;
 use crate::pack::{GpuEnvironment, GpuGeometry, GpuLight, GpuMaterial, GpuTextures, GpuTop};
-use crate::raycast::Top;
+use crate::top::Top;
 
 /// One immutable revision. Cheap to clone; a section that an edit left alone is the same `Arc` as before.
 #[derive(Clone, Debug)]

@@ -2,7 +2,6 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::builtin::{push_triangle, push_vertex};
 use crate::mesh::MeshData;
 use crate::teapot_data::{PATCHES, POINTS};
 
@@ -44,7 +43,7 @@ fn append_patch(control: &[DVec3; 16], data: &mut MeshData) {
         for column in 0..=SEGMENTS {
             let (position, normal) = evaluate(control, row, column);
             let uv = DVec2::new(f64::from(column), f64::from(row)) / f64::from(SEGMENTS);
-            push_vertex(data, position, normal, uv);
+            data.push_vertex(position, normal, uv);
         }
     }
     // Toward a pole a row is one point; the triangles that lose their area there are left out.
@@ -56,7 +55,7 @@ fn append_patch(control: &[DVec3; 16], data: &mut MeshData) {
             for triangle in [[a, b, c], [a, c, d]] {
                 let [p, q, r] = triangle.map(|vertex| point(data, vertex));
                 if p != q && q != r && r != p {
-                    push_triangle(data, triangle, 0);
+                    data.push_triangle(triangle, 0);
                 }
             }
         }

@@ -14,6 +14,7 @@ use lantern_scene::Editor;
 use serde_json::{Value, json};
 
 use crate::service::setup::{self, Loaded};
+use crate::service::vulkan::{open_device, open_vulkan};
 
 /// Longest frame that a histogram tells apart, µs.
 const LONGEST_US: u64 = 600_000_000;
@@ -68,7 +69,7 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
         Some(path) => setup::load(path)?,
         None => setup::from_config(super::demo::config()?, "config/demo.toml")?,
     };
-    let device = super::open_device(&super::open_vulkan()?, &loaded.config)?;
+    let device = open_device(&open_vulkan()?, &loaded.config)?;
     let settings = setup::settings(&loaded.config);
 
     // Rays are counted in a run of their own: counting costs time.

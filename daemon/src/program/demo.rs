@@ -13,6 +13,7 @@ use lantern_render::{Layer, LayerImage, Renderer};
 
 use crate::encode::{self, srgb8};
 use crate::service::setup;
+use crate::service::vulkan::{open_device, open_vulkan};
 
 /// The demo's configuration.
 pub const CONFIG: &str = include_str!("../../../config/demo.toml");
@@ -40,7 +41,7 @@ pub fn demo(out: &Path, frames: u32) -> anyhow::Result<()> {
     let start = Instant::now();
     fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
     let config = config()?;
-    let device = super::open_device(&super::open_vulkan()?, &config)?;
+    let device = open_device(&open_vulkan()?, &config)?;
     println!("device: {} ({})", device.info().name, device.info().driver_info);
 
     let progress = ProgressBar::new(3 + EYES.len() as u64 * 4 + u64::from(frames));

@@ -4,12 +4,14 @@ use comfy_table::{Table, presets};
 use lantern_gpu::DeviceInfo;
 use serde_json::{Value, json};
 
+use crate::service::vulkan::open_vulkan;
+
 /// Prints them.
 ///
 /// # Errors
 /// No loader or no driver, with the package to install.
 pub fn devices(as_json: bool) -> anyhow::Result<()> {
-    let devices = super::open_vulkan()?.devices()?;
+    let devices = open_vulkan()?.devices()?;
     if as_json {
         let all: Vec<Value> = devices.iter().map(to_json).collect();
         println!("{}", serde_json::to_string_pretty(&json!({ "devices": all }))?);

@@ -4,34 +4,3 @@ pub mod bench;
 pub mod check;
 pub mod demo;
 pub mod devices;
-
-use std::sync::Arc;
-
-use anyhow::Context;
-use lantern_gpu::{Device, Instance, Validation};
-
-/// Switches the validation layer on, for tests and for whoever hunts a driver's or our own fault.
-const VALIDATION_VARIABLE: &str = "LANTERN_VALIDATION";
-
-/// Opens Vulkan; with the validation layer where `LANTERN_VALIDATION=1`.
-///
-/// # Errors
-/// No loader or no driver, with the package to install.
-pub fn open_vulkan() -> anyhow::Result<Arc<Instance>> {
-    let validation = match std::env::var(VALIDATION_VARIABLE).as_deref() {
-        Ok("1") => Validation::On,
-        _ => Validation::Off,
-    };
-    Instance::new(validation).context("cannot start Vulkan")
-}
-
-/// Opens the device that the configuration asks for, with a queue for each projector where it has so many.
-///
-/// # Errors
-/// What Vulkan says.
-pub fn open_device(instance: &Arc<Instance>, config: &lantern_config::Config) -> anyhow::Result<Arc<Device>> {
-    let cache = crate::service::setup::cache_dir();
-    let select = config.device.select.as_deref();
-    Device::open(instance, select, config.projectors.len() as u32, cache.as_deref())
-        .context("cannot open a Vulkan device")
-}

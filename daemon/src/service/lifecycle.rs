@@ -16,6 +16,7 @@ use super::setup::{self, Loaded};
 use super::shared::Shared;
 use super::state::Store;
 use super::stats::Stats;
+use super::vulkan::{open_device, open_vulkan};
 use crate::control;
 use crate::socket_path;
 
@@ -51,8 +52,8 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     if let Some(store) = &store {
         restore(store, &mut loaded);
     }
-    let instance = crate::program::open_vulkan()?;
-    let device = crate::program::open_device(&instance, &loaded.config)?;
+    let instance = open_vulkan()?;
+    let device = open_device(&instance, &loaded.config)?;
     tracing::info!(device = device.info().name, driver = device.info().driver_info, "rendering");
     serve(&runtime, options, loaded, listener, store, (instance, device))
 }

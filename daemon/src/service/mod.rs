@@ -6,7 +6,8 @@
 //! - [`shared`]: what other threads ask of it;
 //! - [`engine`]: the control socket's operations;
 //! - [`stats`]: what `status` says about frames;
-//! - [`state`]: the scene across restarts.
+//! - [`state`]: the scene across restarts;
+//! - [`vulkan`]: the instance and the device.
 
 pub mod engine;
 pub mod frames;
@@ -15,3 +16,4 @@ pub mod setup;
 pub mod shared;
 pub mod state;
 pub mod stats;
+pub mod vulkan;
