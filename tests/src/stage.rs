@@ -1,9 +1,13 @@
 //! Small scenes and projectors to test with.
 
-use std::sync::Arc;
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use glam::{DVec3, UVec2};
 use lantern_calibration::{Calibration, Convention, Frustum, Matrix4};
+use lantern_config::{Config, DEMO_TOML};
 use lantern_scene::{Edit, Editor, Limits, Scene};
 
 /// The scene that a list of edits, as the socket takes them, makes out of an empty one.
@@ -12,8 +16,56 @@ use lantern_scene::{Edit, Editor, Limits, Scene};
 /// Where they are not edits, or are refused.
 #[expect(clippy::panic, reason = "a test that cannot build its scene has failed")]
 pub fn scene_of(edits: serde_json::Value) -> Arc<Scene> {
-    let edits: Vec<Edit> = serde_json::from_value(edits).unwrap_or_else(|error| panic!("no edits: {error}"));
-    Editor::new(Limits::default(), Vec::new()).apply(&edits).unwrap_or_else(|error| panic!("refused: {error:?}"))
+    editor_of(edits, Vec::new()).current()
+}
+
+/// As [`scene_of`], with the editor that goes on from there, and the folders from which files may be read.
+///
+/// # Panics
+/// As [`scene_of`].
+#[expect(clippy::panic, reason = "a test that cannot build its scene has failed")]
+pub fn editor_of(edits: serde_json::Value, asset_roots: Vec<PathBuf>) -> Editor {
+    let mut editor = Editor::new(Limits::default(), asset_roots);
+    editor.apply(&edits_of(edits)).unwrap_or_else(|error| panic!("refused: {error:?}"));
+    editor
+}
+
+/// Edits as the socket takes them.
+///
+/// # Panics
+/// Where they are none.
+#[expect(clippy::panic, reason = "a test that cannot say what it wants has failed")]
+pub fn edits_of(edits: serde_json::Value) -> Vec<Edit> {
+    serde_json::from_value(edits).unwrap_or_else(|error| panic!("no edits: {error}"))
+}
+
+/// The folder of real models beside the checkout; where it is not, says what is skipped.
+pub fn shared_data(skipped: &str) -> Option<PathBuf> {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data"));
+    let there = folder.is_dir().then(|| folder.to_owned());
+    if there.is_none() {
+        println!("skipped, since there is no folder shared/data beside the checkout: {skipped}");
+    }
+    there
+}
+
+/// The demo at another resolution: its scene, its named projectors, and where its viewer stands, m.
+///
+/// # Panics
+/// Where the embedded configuration is broken.
+#[expect(clippy::panic, reason = "a test without the demo has failed")]
+pub fn demo(resolution_px: UVec2) -> (Arc<Scene>, Vec<(String, Calibration)>, DVec3) {
+    let nowhere = Path::new(".");
+    let config = Config::parse(DEMO_TOML, "demo.toml", nowhere).unwrap_or_else(|problems| panic!("{problems:?}"));
+    let editor = Editor::from_config(&config.scene, nowhere, Limits::default(), Vec::new());
+    let projector = |p: &lantern_config::Projector| {
+        let smaller = lantern_config::Projector { resolution_px: resolution_px.to_array(), ..p.clone() };
+        let calibration = Calibration::from_config(&smaller).unwrap_or_else(|error| panic!("{error}"));
+        (p.name.clone(), calibration)
+    };
+    let projectors = config.projectors.iter().map(projector).collect();
+    let eye_m = config.viewer().map_or(DVec3::ZERO, |body| body.position_m.into());
+    (editor.unwrap_or_else(|problems| panic!("{problems:?}")).current(), projectors, eye_m)
 }
 
 /// Where a projector stands and what it looks at.
@@ -77,25 +129,29 @@ impl Stand {
         )
     }
 
-    /// Its frustum.
+    /// Its matrix.
     ///
     /// # Panics
     /// Where it stands on its own target.
     #[expect(clippy::panic, reason = "a test that cannot build its projector has failed")]
+    pub fn calibration(&self) -> Calibration {
+        Calibration::from_matrices(&self.projection(), &self.view(), self.convention, self.resolution_px)
+            .unwrap_or_else(|error| panic!("{self:?}: {error}"))
+    }
+
+    /// Its frustum.
+    ///
+    /// # Panics
+    /// As [`Stand::calibration`].
     pub fn frustum(&self) -> Frustum {
-        let calibration =
-            Calibration::from_matrices(&self.projection(), &self.view(), self.convention, self.resolution_px);
-        Frustum::new(calibration.unwrap_or_else(|error| panic!("{self:?}: {error}")))
+        Frustum::new(self.calibration())
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
     use glam::DVec2;
-    use lantern_config::Config;
 
     #[test]
     fn the_target_is_in_the_middle_and_up_is_up() {
