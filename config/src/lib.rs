@@ -8,12 +8,14 @@
 //! fields of the edits of the same name, and `[limits]` bounds what is taken in (see [`Limits`]).
 
 mod load;
+mod places;
 mod problem;
 mod read;
 mod reader;
 mod scene;
 mod types;
 
+pub use places::Places;
 pub use problem::Problem;
 pub use scene::{Environment, LightKind, Role, Scene, SceneLight, SceneMaterial, SceneNode};
 pub use types::{

@@ -1,5 +1,6 @@
 //! From a file to a [`Config`], or to everything that is wrong with it.
 
+use crate::places::Places;
 use crate::problem::Problem;
 use crate::read;
 use crate::reader::{Source, Table};
@@ -47,13 +48,13 @@ impl Config {
             source.problem(&error.span().unwrap_or(0..0), message, hint);
         }
         if !errors.is_empty() {
-            return Err(source.into_problems());
+            return Err(source.finish().0);
         }
 
         let config = read_root(Table::root(&source, root.get_ref()), base_dir);
-        let problems = source.into_problems();
+        let (problems, places) = source.finish();
         match config {
-            Some(config) if problems.is_empty() => Ok(config),
+            Some(config) if problems.is_empty() => Ok(Config { places, ..config }),
             _ => Err(problems),
         }
     }
@@ -91,5 +92,6 @@ fn read_root(root: Table<'_>, base_dir: &Path) -> Option<Config> {
         bodies: bodies?,
         trackers: trackers?,
         projectors: projectors?,
+        places: Places::default(),
     })
 }

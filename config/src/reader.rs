@@ -2,6 +2,7 @@
 //!
 //! A reader that finds a problem notes it and gives `None`, and the reading goes on, so that one run finds everything.
 
+use crate::places::Places;
 use crate::problem::Problem;
 use crate::types::Matrix4;
 use std::cell::RefCell;
@@ -13,36 +14,43 @@ pub(crate) struct Source<'a> {
     file: &'a str,
     text: &'a str,
     problems: RefCell<Vec<Problem>>,
+    places: RefCell<Places>,
 }
 
 impl<'a> Source<'a> {
     pub(crate) fn new(file: &'a str, text: &'a str) -> Self {
-        Self { file, text, problems: RefCell::default() }
+        Self { file, text, problems: RefCell::default(), places: RefCell::default() }
     }
 
-    /// Notes a problem with what stands at `span`, in bytes.
-    pub(crate) fn problem(&self, span: &Range<usize>, message: impl Into<String>, hint: impl Into<String>) {
+    /// Line and column, both from 1, of a place in bytes.
+    fn line_and_column(&self, at: usize) -> (usize, usize) {
         // Spans come from the parser, but a place just past the end is possible and must not panic.
-        let mut start = span.start.min(self.text.len());
+        let mut start = at.min(self.text.len());
         while !self.text.is_char_boundary(start) {
             start -= 1;
         }
         let before = &self.text[..start];
         let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+    }
+
+    /// Notes a problem with what stands at `span`, in bytes.
+    pub(crate) fn problem(&self, span: &Range<usize>, message: impl Into<String>, hint: impl Into<String>) {
+        let (line, column) = self.line_and_column(span.start);
         self.problems.borrow_mut().push(Problem {
             file: self.file.to_owned(),
-            line: before.matches('\n').count() + 1,
-            column: before[line_start..].chars().count() + 1,
+            line,
+            column,
             message: message.into(),
             hint: hint.into(),
         });
     }
 
-    /// Everything that was noted, in the file's order.
-    pub(crate) fn into_problems(self) -> Vec<Problem> {
+    /// Every problem that was noted, in the file's order, and every place.
+    pub(crate) fn finish(self) -> (Vec<Problem>, Places) {
         let mut problems = self.problems.into_inner();
         problems.sort_by_key(|problem| (problem.line, problem.column));
-        problems
+        (problems, self.places.into_inner())
     }
 }
 
@@ -62,6 +70,22 @@ impl<'a> Table<'a> {
 
     pub(crate) fn problem(&self, message: impl Into<String>, hint: impl Into<String>) {
         self.source.problem(&self.span, message, hint);
+    }
+
+    /// Notes where this table and all that it holds stand, for those who find something wrong with it later.
+    pub(crate) fn note_places(&self, name: &str) {
+        let mut places = self.source.places.borrow_mut();
+        places.insert(name.to_owned(), self.source.line_and_column(self.span.start));
+        let mut tables = vec![(name.to_owned(), self.entries)];
+        while let Some((name, table)) = tables.pop() {
+            for (key, value) in table {
+                let name = format!("{name}.{}", key.get_ref());
+                places.insert(name.clone(), self.source.line_and_column(value.span().start));
+                if let DeValue::Table(inner) = value.get_ref() {
+                    tables.push((name, inner));
+                }
+            }
+        }
     }
 
     /// The key's value, if it is there.

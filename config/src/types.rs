@@ -3,6 +3,7 @@
 //! Vectors are arrays in metres, quaternions x, y, z, w, matrices arrays of rows, all in the world frame: right-handed,
 //! +Y up. Paths are absolute or relative to the working folder: those of the file have been joined to its folder.
 
+use crate::places::Places;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
@@ -32,6 +33,8 @@ pub struct Config {
     pub projectors: Vec<Projector>,
     /// `[limits]`.
     pub limits: Limits,
+    /// Where its entries stand in the text, for those who find something wrong with what an entry names.
+    pub places: Places,
 }
 
 impl Config {
@@ -202,12 +205,6 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self {
-            max_clients: 16,
-            max_nodes: 65_536,
-            max_triangles: 16_000_000,
-            max_texels: 1 << 26,
-            max_file_mib: 1024,
-        }
+        Self { max_clients: 16, max_nodes: 65_536, max_triangles: 16_000_000, max_texels: 1 << 26, max_file_mib: 1024 }
     }
 }

@@ -226,3 +226,18 @@ fn fingerprints_tell_scenes_apart_and_nothing_else() {
         "08b01e9ea9271d35cbad8529daa830ccbcc50b4c7893ec6b329211161e16db11"
     );
 }
+
+#[test]
+fn places_of_entries_are_known() {
+    let config = parse(CONTRACT);
+    let line_of = |text: &str| CONTRACT.lines().position(|line| line.starts_with(text)).unwrap() + 1;
+    let place = |name: &str| config.places.of(name).unwrap();
+    assert_eq!(place("scene.node \"car\""), (line_of("[[scene.node]]"), 1));
+    assert_eq!(place("scene.node \"car\".uri"), (line_of("uri"), 8));
+    assert_eq!(place("scene.environment.uri"), (line_of("environment"), 15));
+    assert_eq!(place("tracker \"optitrack\".listen").0, line_of("listen"));
+    assert_eq!(place("projector \"left\".calibration.view").0, line_of("view"));
+    // What is not written is where its table is.
+    assert_eq!(place("scene.node \"car\".visible"), place("scene.node \"car\""));
+    assert_eq!(config.places.of("projector \"right\".output"), None);
+}

@@ -10,14 +10,15 @@ pub(crate) mod tracking;
 use crate::reader::{Table, Value};
 use std::collections::HashSet;
 
-/// A required `name` that no earlier table of the list has.
-fn unique_name(table: &Table<'_>, taken: &mut HashSet<String>, example: &str) -> Option<String> {
+/// A required `name` that no earlier table of the list has. The table's places are noted under `kind` and that name.
+fn unique_name(table: &Table<'_>, kind: &str, taken: &mut HashSet<String>, example: &str) -> Option<String> {
     let value = table.required("name", example)?;
     let name = value.name()?;
     if !taken.insert(name.clone()) {
         value.problem(format!("the name `{name}` is taken already"), "give each its own name");
         return None;
     }
+    table.note_places(&format!("{kind} {name:?}"));
     Some(name)
 }
 

@@ -15,7 +15,7 @@ pub(crate) fn projectors(tables: Vec<Table<'_>>) -> Option<Vec<Projector>> {
 }
 
 fn projector(table: Table<'_>, taken: &mut HashSet<String>) -> Option<Projector> {
-    let name = unique_name(&table, taken, "\"left\"");
+    let name = unique_name(&table, "projector", taken, "\"left\"");
     let resolution_px = table.required("resolution_px", "[1280, 800]").and_then(|value| {
         let is_side = |x: f64| x.fract() == 0.0 && (1.0..=MAX_SIDE_PX).contains(&x);
         let sides: [f64; 2] = value.numbers_where("that is whole, from 1 to 16384", is_side)?;

@@ -17,6 +17,7 @@ const LIGHT_KINDS: [(&str, LightKind); 3] =
 const NORM_TOLERANCE: f64 = 0.01;
 
 pub(crate) fn scene(table: Table<'_>) -> Scene {
+    table.note_places("scene");
     let (mut nodes, mut materials, mut lights) = (HashSet::new(), HashSet::new(), HashSet::new());
     let scene = Scene {
         environment: table.get("environment").and_then(|value| environment(&value)),
@@ -47,7 +48,7 @@ fn environment(value: &Value<'_>) -> Option<Environment> {
 }
 
 fn node(table: Table<'_>, taken: &mut HashSet<String>) -> Option<SceneNode> {
-    let name = unique_name(&table, taken, "\"car\"");
+    let name = unique_name(&table, "scene.node", taken, "\"car\"");
     if let Some(value) = table.get("name").filter(|_| name.as_ref().is_some_and(|name| name.contains('/'))) {
         let hint = "leave it out: it parts a node's name from those of its materials and lights";
         value.problem("a node's name holds a `/`", hint);
@@ -82,7 +83,7 @@ fn positive_rgb(table: &Table<'_>, key: &'static str) -> Option<[f64; 3]> {
 }
 
 fn material(table: Table<'_>, taken: &mut HashSet<String>) -> Option<SceneMaterial> {
-    let name = unique_name(&table, taken, "\"mirror\"");
+    let name = unique_name(&table, "scene.material", taken, "\"mirror\"");
     let material = SceneMaterial {
         name: name.clone().unwrap_or_default(),
         base_color: table.get("base_color").and_then(|value| base_color(&value)),
@@ -110,7 +111,7 @@ fn base_color(value: &Value<'_>) -> Option<[f64; 4]> {
 }
 
 fn light(table: Table<'_>, taken: &mut HashSet<String>) -> Option<SceneLight> {
-    let name = unique_name(&table, taken, "\"sun\"");
+    let name = unique_name(&table, "scene.light", taken, "\"sun\"");
     let kind_value = table.required("kind", "\"directional\"");
     let kind = kind_value.and_then(|value| value.choice(&LIGHT_KINDS));
 

@@ -27,7 +27,7 @@ fn body(
     driven: &mut HashSet<String>,
     nodes: &HashSet<String>,
 ) -> Option<Body> {
-    let name = unique_name(&table, taken, "\"head\"");
+    let name = unique_name(&table, "body", taken, "\"head\"");
     let drives = table.get("drives").and_then(|value| drives(&value, driven, nodes));
     let position_m = table.get("position_m").and_then(|value| value.numbers());
     let offset_m = table.get("offset_m").and_then(|value| value.numbers());
@@ -80,7 +80,7 @@ fn tracker(
     listening: &mut HashSet<SocketAddr>,
     known_bodies: &HashSet<String>,
 ) -> Option<Tracker> {
-    let name = unique_name(&table, taken, "\"optitrack\"");
+    let name = unique_name(&table, "tracker", taken, "\"optitrack\"");
     let protocol_value = table.required("protocol", "\"lantern\"");
     let protocol = protocol_value.as_ref().and_then(protocol);
     let listen = table.required("listen", "\"127.0.0.1:7000\"").and_then(|value| listen(&value, listening));

@@ -49,8 +49,7 @@ pub struct SceneProblem {
 impl Editor {
     /// An empty, black scene. Clients may have files read under the roots alone; one that does not exist is passed over.
     pub fn new(limits: Limits, asset_roots: Vec<PathBuf>) -> Self {
-        let asset_roots = asset_roots.iter().filter_map(|root| root.canonicalize().ok()).collect();
-        Self { limits, asset_roots, library: Library::default(), current: Arc::new(empty()) }
+        Self { limits, asset_roots: canonical(&asset_roots), library: Library::default(), current: Arc::new(empty()) }
     }
 
     /// The scene of a configuration. Its files may lie anywhere; relative paths are relative to `base_dir`.
@@ -95,7 +94,7 @@ impl Editor {
         if problems.is_empty() {
             match compose(&mut draft, &limits) {
                 Ok(()) => {
-                    self.asset_roots = asset_roots.iter().filter_map(|root| root.canonicalize().ok()).collect();
+                    self.asset_roots = canonical(&asset_roots);
                     return Ok(self.publish(draft));
                 }
                 Err(error) => {
@@ -139,6 +138,20 @@ impl Editor {
     pub fn continue_after(&mut self, revision: u64) {
         let scene = Scene::clone(&self.current);
         self.current = Arc::new(Scene { revision: revision.max(scene.revision) + 1, ..scene });
+    }
+
+    /// Makes an earlier revision the newest again, under a number beyond those of the revisions since; `published` may be
+    /// one of a copy of this editor.
+    pub fn go_back(&mut self, to: &Scene, published: u64) -> Arc<Scene> {
+        let revision = self.current.revision.max(published) + 1;
+        self.current = Arc::new(Scene { revision, ..to.clone() });
+        self.current()
+    }
+
+    /// Replaces the limits, and the only folders from which clients may have files read; what is there stays.
+    pub fn set_access(&mut self, limits: Limits, asset_roots: &[PathBuf]) {
+        self.limits = limits;
+        self.asset_roots = canonical(asset_roots);
     }
 
     fn apply_as(&mut self, edits: &[Edit], access: Access<'_>) -> Result<Arc<Scene>, EditError> {
@@ -264,6 +277,10 @@ impl Editor {
         }
         Ok(())
     }
+}
+
+fn canonical(roots: &[PathBuf]) -> Vec<PathBuf> {
+    roots.iter().filter_map(|root| root.canonicalize().ok()).collect()
 }
 
 /// Nothing, in black.

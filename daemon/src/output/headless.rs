@@ -17,7 +17,7 @@ impl Headless {
 
     /// Refreshes since the start.
     pub fn refreshes(&self, now: Instant) -> u64 {
-        (now.duration_since(self.start).as_secs_f64() / self.period.as_secs_f64()) as u64
+        (now.saturating_duration_since(self.start).as_secs_f64() / self.period.as_secs_f64()) as u64
     }
 
     /// When the refresh after `now` is due.

@@ -74,6 +74,7 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
 
     // Rays are counted in a run of their own: counting costs time.
     let mut cases = BTreeMap::new();
+    let mut gpu_bytes = 0;
     for counting in [true, false] {
         let settings = Settings { count_rays: counting, ..settings };
         let mut renderer = Renderer::new(&device, loaded.projectors.clone(), settings, loaded.editor.current())?;
@@ -88,11 +89,13 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
                 kept.insert(projector, t);
             }
         }
+        gpu_bytes = device.allocated_bytes();
     }
+    let done = Done { device: &device, loaded: &loaded, settings: &settings, cases: &cases, frames, gpu_bytes };
     if as_json {
-        println!("{}", serde_json::to_string_pretty(&to_json(&device, &loaded, &settings, &cases, frames))?);
+        println!("{}", serde_json::to_string_pretty(&to_json(&done))?);
     } else {
-        println!("{}", to_text(&device, &loaded, &settings, &cases, frames));
+        println!("{}", to_text(&done));
     }
     Ok(())
 }
@@ -177,7 +180,19 @@ fn mray_s(times: &Times, count: u32, stages: &[&str]) -> Option<f64> {
 
 type Cases = BTreeMap<&'static str, BTreeMap<String, Times>>;
 
-fn to_json(device: &Arc<Device>, loaded: &Loaded, settings: &Settings, cases: &Cases, frames: u32) -> Value {
+/// What was timed, and on what.
+struct Done<'a> {
+    device: &'a Arc<Device>,
+    loaded: &'a Loaded,
+    settings: &'a Settings,
+    cases: &'a Cases,
+    frames: u32,
+    /// Of the scene and all projectors together.
+    gpu_bytes: u64,
+}
+
+fn to_json(done: &Done<'_>) -> Value {
+    let Done { device, loaded, settings, cases, frames, gpu_bytes } = *done;
     let percentiles = |h: &Histogram<u64>| json!({ "p50": ms(h, 0.5), "p95": ms(h, 0.95) });
     let of_projector = |times: &Times| {
         let stages: BTreeMap<_, _> = times.stages.iter().map(|(s, h)| (*s, percentiles(h))).collect();
@@ -188,7 +203,7 @@ fn to_json(device: &Arc<Device>, loaded: &Loaded, settings: &Settings, cases: &C
     };
     let of_case = |projectors: &BTreeMap<String, Times>| {
         let all: BTreeMap<_, _> = projectors.iter().map(|(name, t)| (name, of_projector(t))).collect();
-        json!({ "projectors": all })
+        json!({ "projectors": all, "gpu_bytes": gpu_bytes })
     };
     let scene = loaded.editor.current();
     let resolutions: BTreeMap<_, _> =
@@ -200,12 +215,13 @@ fn to_json(device: &Arc<Device>, loaded: &Loaded, settings: &Settings, cases: &C
         "samples": settings.samples,
         "max_depth": settings.max_depth,
         "frames": frames,
-        "gpu_bytes": device.allocated_bytes(),
+        "gpu_bytes": gpu_bytes,
         "cases": cases.iter().map(|(case, p)| (*case, of_case(p))).collect::<BTreeMap<_, _>>(),
     })
 }
 
-fn to_text(device: &Arc<Device>, loaded: &Loaded, settings: &Settings, cases: &Cases, frames: u32) -> String {
+fn to_text(done: &Done<'_>) -> String {
+    let Done { device, loaded, settings, cases, frames, gpu_bytes } = *done;
     let scene = loaded.editor.current();
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
@@ -235,6 +251,6 @@ fn to_text(device: &Arc<Device>, loaded: &Loaded, settings: &Settings, cases: &C
         scene.nodes.len(),
         scene.triangle_count(),
         settings.samples,
-        device.allocated_bytes() as f64 / f64::from(1 << 20),
+        gpu_bytes as f64 / f64::from(1 << 20),
     )
 }

@@ -12,8 +12,9 @@ use serde_json::{Value, json};
 
 use crate::service::setup::{self, Loaded, Problems};
 
-/// Columns of the grid of rays by which the share of pixels that hit a prop is estimated.
-const GRID: u32 = 160;
+/// Columns at most of the grid of rays by which the share of pixels that hit a prop is estimated; a narrower image has a ray
+/// for each of its pixels.
+const GRID: u32 = 320;
 
 /// Prints what a configuration amounts to. True when nothing is wrong with it.
 ///
@@ -59,13 +60,15 @@ struct Seen {
 
 fn see(projector: &ProjectorSpec, scene: &Scene) -> Seen {
     let frustum = Frustum::new(projector.calibration);
-    let size_px = projector.calibration.resolution_px().as_dvec2();
-    let rows = ((f64::from(GRID) * size_px.y / size_px.x).round() as u32).max(1);
+    let resolution_px = projector.calibration.resolution_px();
+    let size_px = resolution_px.as_dvec2();
+    let columns = GRID.min(resolution_px.x);
+    let rows = ((f64::from(columns) * size_px.y / size_px.x).round() as u32).max(1);
     let (mut props, mut masks) = (0_u32, 0_u32);
     for row in 0..rows {
-        for column in 0..GRID {
+        for column in 0..columns {
             let place = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
-            let place_px = place / DVec2::new(f64::from(GRID), f64::from(rows)) * size_px;
+            let place_px = place / DVec2::new(f64::from(columns), f64::from(rows)) * size_px;
             let Some(ray) = frustum.ray(place_px) else { continue };
             let hit = scene.cast(ray.origin_m, ray.direction, 0.0, ray.t_max_m, ROLE_PROP | ROLE_MASK);
             let role = hit.map(|h| lantern_scene::role_bit(scene.instances[h.instance].role));
@@ -73,7 +76,7 @@ fn see(projector: &ProjectorSpec, scene: &Scene) -> Seen {
             masks += u32::from(role == Some(ROLE_MASK));
         }
     }
-    let all = f64::from(GRID * rows);
+    let all = f64::from(columns * rows);
     Seen {
         name: projector.name.clone(),
         description: Description::of(&frustum),
@@ -106,7 +109,7 @@ fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
         "problems": [],
         "file": path.display().to_string(),
         "scene": { "nodes": scene.nodes.len(), "triangles": scene.triangle_count(), "bytes": scene.device_bytes() },
-        "warnings": warnings(&scene, projectors),
+        "warnings": warnings(loaded, projectors),
         "projectors": projectors.iter().map(of_projector).collect::<Vec<_>>(),
     })
 }
@@ -124,13 +127,17 @@ fn print_text(path: &Path, loaded: &Loaded, projectors: &[Seen]) {
         println!("\nprojector {:?}\n{}", seen.name, seen.description);
         println!("{:.1} % of its pixels hit a prop, {:.1} % a mask.", seen.on_props * 100.0, seen.on_masks * 100.0);
     }
-    for warning in warnings(&scene, projectors) {
+    for warning in warnings(loaded, projectors) {
         println!("\nwarning: {warning}");
     }
 }
 
 /// What works and is still worth a look.
-fn warnings(scene: &Scene, projectors: &[Seen]) -> Vec<String> {
+fn warnings(loaded: &Loaded, projectors: &[Seen]) -> Vec<String> {
+    let scene = loaded.editor.current();
+    let no_folder = loaded.config.daemon.asset_roots.iter().filter(|root| !root.is_dir()).map(|root| {
+        format!("daemon.asset_roots: {} is no folder, so no client can have a file from it\nhint: make it, or remove it there", root.display())
+    });
     let nothing_in_view = projectors.iter().filter(|s| s.on_props == 0.0).map(|s| {
         format!(
             "projector {:?} sees no prop and will stay black\nhint: compare its position and direction above with where the props stand",
@@ -138,5 +145,5 @@ fn warnings(scene: &Scene, projectors: &[Seen]) -> Vec<String> {
         )
     });
     let of_files = scene.nodes.iter().flat_map(|n| n.warnings().iter().map(move |w| format!("node {:?}: {w}", n.name)));
-    nothing_in_view.chain(of_files).collect()
+    nothing_in_view.chain(no_folder).chain(of_files).collect()
 }

@@ -11,7 +11,7 @@ use lantern_gpu::{Device, Instance};
 use lantern_proto::status::{DeviceStatus, ProjectorStatus, QueueStatus, SceneStatus};
 use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pose, Reloaded, SceneGet, Status};
 use lantern_render::LayerImage;
-use lantern_scene::Scene;
+use lantern_scene::{Editor, Scene, SceneProblem};
 use lantern_tracking::Trackers;
 
 use super::frames::{Links, lock_editor};
@@ -69,6 +69,9 @@ impl DaemonEngine {
     /// Puts a request to the frame thread and waits for its answer.
     fn ask<T>(&self, request: Request, answer: &Receiver<Result<T, String>>) -> Result<T, ErrorBody> {
         if !self.links.shared.request(request) {
+            if self.links.shared.stopping() {
+                return Err(stopping());
+            }
             return Err(ErrorBody::new("busy", "too many requests wait for the frame thread; hint: ask again later"));
         }
         heard(answer.recv_timeout(PATIENCE))
@@ -79,23 +82,37 @@ impl DaemonEngine {
         let Some(store) = &self.store else { return Ok(false) };
         let fingerprint = self.config().scene.fingerprint();
         store.save(&fingerprint, scene.revision, scene.edits()).map(|()| true).map_err(|e| {
-            ErrorBody::new("not-durable", format!("revision {} is shown but not kept: {e}", scene.revision))
+            ErrorBody::new("not-durable", format!("the edits cannot be kept, and so are not applied: {e}"))
         })
     }
 
     fn read(&self, projector: &str, layer: lantern_render::Layer) -> Result<LayerImage, ErrorBody> {
-        let index = self.projector(projector)?;
+        self.must_have(projector)?;
         let (reply, answer) = sync_channel(1);
-        self.ask(Request::Read { projector: index, layer, reply }, &answer)
+        self.ask(Request::Read { projector: projector.to_owned(), layer, reply }, &answer)
     }
 
-    fn projector(&self, name: &str) -> Result<usize, ErrorBody> {
+    fn must_have(&self, projector: &str) -> Result<(), ErrorBody> {
         let config = self.config();
-        config.projectors.iter().position(|p| p.name == name).ok_or_else(|| {
-            let known: Vec<_> = config.projectors.iter().map(|p| p.name.as_str()).collect();
-            let message = format!("there is no projector `{name}`; hint: there are {}", known.join(", "));
-            ErrorBody::new("unknown-projector", message).at("projector")
-        })
+        let known: Vec<_> = config.projectors.iter().map(|p| p.name.as_str()).collect();
+        if known.contains(&projector) {
+            return Ok(());
+        }
+        let message = format!("there is no projector `{projector}`; hint: there are {}", known.join(", "));
+        Err(ErrorBody::new("unknown-projector", message).at("projector"))
+    }
+
+    /// Publishes a revision and waits until it is shown; gives the frame.
+    fn show(&self, scene: &Arc<Scene>) -> Result<u64, ErrorBody> {
+        heard(self.links.shared.publish(scene.clone()).recv_timeout(PATIENCE))
+    }
+
+    /// Takes a revision back that could not be shown or kept: the one before is shown again, under a new number.
+    fn take_back(&self, editor: &mut Editor, refused: &Scene, before: &Scene) {
+        let scene = editor.go_back(before, refused.revision);
+        if let Err(error) = self.show(&scene) {
+            tracing::error!(revision = scene.revision, "the scene before cannot be shown again: {error}");
+        }
     }
 }
 
@@ -104,12 +121,16 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+fn stopping() -> ErrorBody {
+    ErrorBody::new("stopping", "the daemon is stopping")
+}
+
 /// What the frame thread answered.
 fn heard<T>(answer: Result<Result<T, String>, RecvTimeoutError>) -> Result<T, ErrorBody> {
     match answer {
         Ok(Ok(value)) => Ok(value),
         Ok(Err(message)) => Err(ErrorBody::new("render-failed", message)),
-        Err(RecvTimeoutError::Disconnected) => Err(ErrorBody::new("stopping", "the daemon is stopping")),
+        Err(RecvTimeoutError::Disconnected) => Err(stopping()),
         Err(RecvTimeoutError::Timeout) => Err(ErrorBody::new("render-failed", "the frame thread does not answer")),
     }
 }
@@ -174,13 +195,17 @@ impl Engine for DaemonEngine {
 
     fn apply(&self, edits: &[Edit], durable: bool) -> Result<Applied, ErrorBody> {
         let _turn = lock(&self.applying);
-        let scene = lock_editor(&self.links.editor)
-            .apply(edits)
-            .map_err(|e| ErrorBody::new(e.code, e.message.clone()).at(e.at.clone()))?;
-        let shown = self.links.shared.publish(scene.clone());
-        let frame = heard(shown.recv_timeout(PATIENCE))?;
-        let kept = durable && self.keep(&scene)?;
-        Ok(Applied { revision: scene.revision, frame, durable: kept })
+        let (before, scene) = {
+            let mut editor = lock_editor(&self.links.editor);
+            let before = editor.current();
+            let scene = editor.apply(edits).map_err(|e| ErrorBody::new(e.code, e.message.clone()).at(e.at.clone()))?;
+            (before, scene)
+        };
+        let done = self.show(&scene).and_then(|frame| {
+            let durable = durable && self.keep(&scene)?;
+            Ok(Applied { revision: scene.revision, frame, durable })
+        });
+        done.inspect_err(|_| self.take_back(&mut lock_editor(&self.links.editor), &scene, &before))
     }
 
     fn pose(&self, pose: &Pose) -> Result<(), ErrorBody> {
@@ -206,7 +231,7 @@ impl Engine for DaemonEngine {
             Layer::Node => lantern_render::Layer::Node,
             Layer::Weight => lantern_render::Layer::Weight,
             Layer::Room => {
-                self.projector(projector)?;
+                self.must_have(projector)?;
                 let (reply, answer) = sync_channel(1);
                 let room = self.ask(Request::Room { reply }, &answer)?;
                 return file(encode::encode_seen(&room));
@@ -220,37 +245,58 @@ impl Engine for DaemonEngine {
         let refused = |message: String| ErrorBody::new("bad-config", message);
         let loaded = setup::load(&self.config_path).map_err(|e| refused(e.to_string()))?;
         let old = self.config().clone();
-        if loaded.config.daemon != old.daemon
-            || loaded.config.device != old.device
-            || loaded.config.limits != old.limits
+        let config = loaded.config;
+        if config.daemon.socket != old.daemon.socket
+            || config.daemon.state_dir != old.daemon.state_dir
+            || config.device != old.device
+            || config.limits.max_clients != old.limits.max_clients
         {
-            tracing::warn!("[daemon], [device] and [limits] are read at the start only; the others were reloaded");
+            tracing::warn!(
+                "daemon.socket, daemon.state_dir, [device] and limits.max_clients are read at the start only; \
+                 everything else was reloaded"
+            );
         }
 
-        // A scene section that did not change keeps what clients have made of it.
+        // All is made ready on a copy, so that whatever fails leaves everything as it was. A scene section that did not change
+        // keeps what clients have made of it.
         let mut editor = lock_editor(&self.links.editor);
-        let same_scene = loaded.config.scene.fingerprint() == old.scene.fingerprint();
+        let mut next = editor.clone();
+        let roots = config.daemon.asset_roots.clone();
+        let same_scene = config.scene.fingerprint() == old.scene.fingerprint();
+        if same_scene {
+            next.set_access((&config.limits).into(), &roots);
+        } else {
+            let replaced = next.reconfigure(&config.scene, &config.base_dir, (&config.limits).into(), roots);
+            let text = |all: Vec<SceneProblem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+            replaced.map_err(|problems| refused(text(problems)))?;
+        }
+        let scene = next.current();
+        lock(&self.trackers).configure(&config.trackers).map_err(|e| refused(e.to_string()))?;
 
-        // Addresses first: they are what can still fail.
-        lock(&self.trackers).configure(&loaded.config.trackers).map_err(|e| refused(e.to_string()))?;
-        let (reply, answer) = sync_channel(1);
-        let setup = Box::new(setup::setup(&loaded.config, loaded.projectors, editor.current()));
-        if let Err(error) = self.ask(Request::Reconfigure { setup, reply }, &answer) {
-            lock(&self.trackers).configure(&old.trackers).map_err(|e| refused(e.to_string()))?;
+        // Projectors that stay as they are keep their pictures.
+        let shown = if config.projectors == old.projectors && config.render == old.render {
+            let before = editor.current();
+            self.show(&scene).map(drop).inspect_err(|_| self.take_back(&mut editor, &scene, &before))
+        } else {
+            let (reply, answer) = sync_channel(1);
+            let setup = Box::new(setup::setup(&config, loaded.projectors, scene.clone()));
+            self.ask(Request::Reconfigure { setup, reply }, &answer)
+        };
+        if let Err(error) = shown {
+            if let Err(error) = lock(&self.trackers).configure(&old.trackers) {
+                tracing::error!("the trackers cannot be listened to as before: {error}");
+            }
             return Err(error);
         }
-        self.links.bodies.configure(&loaded.config.bodies);
-        let config = loaded.config;
-        if !same_scene {
-            let roots = config.daemon.asset_roots.clone();
-            let replaced = editor.reconfigure(&config.scene, &config.base_dir, (&config.limits).into(), roots);
-            replaced.map_err(|problems| refused(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")))?;
-        }
-        let scene = editor.current();
+        *editor = next;
         drop(editor);
+        self.links.bodies.configure(&config.bodies);
         *self.config() = config;
-        let shown = self.links.shared.publish(scene.clone());
-        heard(shown.recv_timeout(PATIENCE))?;
+
+        // What was kept belongs to the scene section that has gone.
+        if !same_scene {
+            self.keep(&scene)?;
+        }
         tracing::info!(revision = scene.revision, "reloaded");
         Ok(Reloaded { revision: scene.revision })
     }

@@ -44,7 +44,10 @@ pub struct Links {
 /// Why the frame thread ended.
 pub type Ended = Result<(), RenderError>;
 
-/// Starts the thread. The receiver hears once, when the first frame stands or cannot.
+/// Hears once, when the first frame stands or cannot.
+pub type FirstFrame = Receiver<Result<(), String>>;
+
+/// Starts the thread.
 ///
 /// # Errors
 /// When the system has no thread to give.
@@ -53,10 +56,13 @@ pub fn start(
     setup: Setup,
     links: Links,
     frames: Option<u64>,
-) -> std::io::Result<(JoinHandle<Ended>, Receiver<Result<(), String>>)> {
+) -> std::io::Result<(JoinHandle<Ended>, FirstFrame)> {
     let (first, ready) = sync_channel(1);
     let thread = std::thread::Builder::new().name("frames".into()).spawn(move || {
+        let shared = links.shared.clone();
         let ended = FrameThread::new(device, setup, links, frames).and_then(|mut t| t.run(&first));
+        // However it ended, nobody is to wait for it.
+        shared.stop();
         if let Err(error) = &ended {
             let _ = first.try_send(Err(error.to_string()));
         }
@@ -75,6 +81,8 @@ struct FrameThread {
     frames: Option<u64>,
     /// Frames of the whole set so far.
     frame: u64,
+    /// Whether bodies have yet to move their nodes, because an edit in the making has the editor.
+    behind: bool,
 }
 
 fn clock_of(refresh_hz: &[f64]) -> Headless {
@@ -86,13 +94,15 @@ impl FrameThread {
         let clock = clock_of(&setup.refresh_hz);
         let renderer = Renderer::new(&device, setup.projectors, setup.settings, setup.scene)?;
         links.stats.set_projectors(renderer.projectors().map(|p| p.name.as_str()));
-        Ok(Self { device, renderer, links, clock, frames, frame: 0 })
+        Ok(Self { device, renderer, links, clock, frames, frame: 0, behind: false })
     }
 
     fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Ended {
         loop {
-            // Asleep until something changes; where frames are counted, until the next refresh at the latest.
-            let until = self.frames.map(|_| self.clock.next_refresh(Instant::now()));
+            // Asleep until something changes; where frames are counted, or a node has yet to follow its body, until the next
+            // refresh at the latest.
+            let wakes = self.frames.is_some() || self.behind;
+            let until = wakes.then(|| self.clock.next_refresh(Instant::now()));
             let turn = self.links.shared.wait(until);
             if turn.stop {
                 return Ok(());
@@ -107,49 +117,65 @@ impl FrameThread {
 
     /// One frame, where anything is stale, and then the requests.
     fn turn(&mut self, turn: Turn) -> Ended {
-        let began = Instant::now();
         let scene = self.place_bodies().unwrap_or(turn.scene);
+        let revision = scene.revision;
+        let before = self.renderer.scene().clone();
         self.renderer.set_scene(scene);
-        let revision = self.renderer.scene().revision;
-        match self.render() {
-            Ok(Some(report)) => {
-                self.frame += 1;
-                self.count(&report, began);
+        let began = Instant::now();
+        let rendered = match self.show() {
+            Ok(rendered) => {
                 self.links.shared.shown(revision, Ok(self.frame));
-
-                // No picture stands for less than a refresh.
-                self.links.shared.pause(self.clock.next_refresh(began));
-            }
-            Ok(None) => {
-                let counts = self.frames.is_some();
-                for projector in self.renderer.projectors() {
-                    self.links.stats.unchanged(&projector.name, revision, counts);
-                }
-                self.links.shared.shown(revision, Ok(self.frame));
+                rendered
             }
             Err(error) => {
+                // A scene that the device cannot take is its client's to hear of; what was shown before it stays.
                 self.links.shared.shown(revision, Err(error.to_string()));
-                return Err(error);
+                if is_fatal(&error) || self.frame == 0 {
+                    return Err(error);
+                }
+                tracing::warn!(revision, %error, "this revision cannot be shown; the one before stays");
+                self.renderer.set_scene(before);
+                self.show()?
             }
-        }
+        };
         for request in turn.requests {
-            self.serve(request)?;
+            self.serve(request);
+        }
+
+        // No picture stands for less than a refresh.
+        if rendered {
+            self.links.shared.pause(self.clock.next_refresh(began));
         }
         Ok(())
     }
 
-    fn render(&mut self) -> Result<Option<FrameReport>, RenderError> {
-        self.renderer.render(|| eyes(&self.links.bodies))
+    /// Renders what is stale, and counts it; false where nothing was.
+    fn show(&mut self) -> Result<bool, RenderError> {
+        let began = Instant::now();
+        let report = self.renderer.render(|| eyes(&self.links.bodies))?;
+        if let Some(report) = &report {
+            self.frame += 1;
+            self.count(report, began);
+        } else {
+            let revision = self.renderer.scene().revision;
+            let counts = self.frames.is_some();
+            for projector in self.renderer.projectors() {
+                self.links.stats.unchanged(&projector.name, revision, counts);
+            }
+        }
+        Ok(report.is_some())
     }
 
-    /// Moves the nodes that bodies drive. An edit in the making has the editor; then the node follows a frame later.
-    fn place_bodies(&self) -> Option<Arc<Scene>> {
+    /// Moves the nodes that bodies drive, and gives the revision in which they stand there. Where an edit in the making has the
+    /// editor, the nodes follow at a later refresh.
+    fn place_bodies(&mut self) -> Option<Arc<Scene>> {
         let placed: Vec<_> = (self.links.bodies.driven().into_iter())
             .filter_map(|(drives, pose)| match drives {
                 Drives::Node(node) => Some((node, pose)),
                 Drives::Viewer => None,
             })
             .collect();
+        self.behind = false;
         if placed.is_empty() {
             return None;
         }
@@ -157,7 +183,7 @@ impl FrameThread {
             Ok(editor) => editor,
             Err(std::sync::TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
             Err(std::sync::TryLockError::WouldBlock) => {
-                self.links.shared.stir();
+                self.behind = true;
                 return None;
             }
         };
@@ -169,13 +195,13 @@ impl FrameThread {
         }
         let scene = editor.current();
         drop(editor);
-        drop(self.links.shared.publish(scene.clone()));
+        self.links.shared.publish_shown(&scene);
         Some(scene)
     }
 
     fn count(&self, report: &FrameReport, began: Instant) {
         // Refreshes that passed while the frame was made, but for the one that it was made for.
-        let passed = self.clock.refreshes(Instant::now()) - self.clock.refreshes(began);
+        let passed = self.clock.refreshes(Instant::now()).saturating_sub(self.clock.refreshes(began));
         let names: Vec<_> = self.renderer.projectors().map(|p| p.name.clone()).collect();
         for projector in &report.projectors {
             let missed = passed.saturating_sub(1);
@@ -184,11 +210,15 @@ impl FrameThread {
         tracing::trace!(frame = self.frame, revision = report.revision, "frame");
     }
 
-    fn serve(&mut self, request: Request) -> Ended {
+    fn serve(&mut self, request: Request) {
         // Whoever asked may have gone.
         match request {
             Request::Read { projector, layer, reply } => {
-                let _ = reply.send(self.renderer.read(projector, layer).map_err(|e| e.to_string()));
+                let index = self.renderer.projectors().position(|p| p.name == projector);
+                let _ = reply.send(match index {
+                    Some(index) => self.renderer.read(index, layer).map_err(|e| e.to_string()),
+                    None => Err(format!("the projector `{projector}` has gone")),
+                });
             }
             Request::Room { reply } => {
                 let size_px = self.renderer.projectors().next().map(|p| p.calibration.resolution_px().to_array());
@@ -201,20 +231,31 @@ impl FrameThread {
             }
             Request::Reconfigure { setup, reply } => {
                 let _ = reply.send(self.reconfigure(*setup).map_err(|e| e.to_string()));
-                // The new projectors show something before anybody asks for it.
-                self.links.shared.stir();
             }
+        }
+    }
+
+    /// Takes another setup and shows it, or keeps the old one where the new one cannot be made or shown.
+    fn reconfigure(&mut self, setup: Setup) -> Ended {
+        let began = Instant::now();
+        let mut renderer = Renderer::new(&self.device, setup.projectors, setup.settings, setup.scene)?;
+        let report = renderer.render(|| eyes(&self.links.bodies))?;
+        self.links.shared.publish_shown(renderer.scene());
+        self.renderer = renderer;
+        self.links.stats.set_projectors(self.renderer.projectors().map(|p| p.name.as_str()));
+        self.clock = clock_of(&setup.refresh_hz);
+        if let Some(report) = report {
+            self.frame += 1;
+            self.count(&report, began);
         }
         Ok(())
     }
+}
 
-    /// Takes another setup, or keeps the old one where the new one cannot be made.
-    fn reconfigure(&mut self, setup: Setup) -> Result<(), RenderError> {
-        self.renderer = Renderer::new(&self.device, setup.projectors, setup.settings, setup.scene)?;
-        self.links.stats.set_projectors(self.renderer.projectors().map(|p| p.name.as_str()));
-        self.clock = clock_of(&setup.refresh_hz);
-        Ok(())
-    }
+/// Whether nothing can be shown any more, whatever the scene.
+fn is_fatal(error: &RenderError) -> bool {
+    use lantern_gpu::GpuError::{DeviceLost, Timeout};
+    matches!(error, RenderError::Gpu(DeviceLost { .. } | Timeout { .. }) | RenderError::Hung { .. })
 }
 
 /// Where the eyes are now, world frame, m.

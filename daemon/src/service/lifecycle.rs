@@ -2,16 +2,18 @@
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use lantern_gpu::{Device, Instance};
 use lantern_scene::Editor;
 use lantern_tracking::{Bodies, Trackers};
 use tokio::runtime::Runtime;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::engine::DaemonEngine;
 use super::frames::{self, Links};
+use super::panics;
 use super::setup::{self, Loaded};
 use super::shared::Shared;
 use super::state::Store;
@@ -19,6 +21,9 @@ use super::stats::Stats;
 use super::vulkan::{open_device, open_vulkan};
 use crate::control;
 use crate::socket_path;
+
+/// How long requests that are being served may hold up the end.
+const STOP_PATIENCE: Duration = Duration::from_secs(2);
 
 /// How `lanternd run` was called.
 #[derive(Clone, Debug)]
@@ -36,13 +41,18 @@ pub struct Options {
 /// # Errors
 /// Whatever keeps it from starting, or ends it.
 pub fn run(options: &Options) -> anyhow::Result<()> {
+    panics::abort();
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let signals = {
+        let _guard = runtime.enter();
+        Signals::listen()?
+    };
     let mut loaded = setup::load(&options.config)?;
     for node in &loaded.editor.current().nodes {
         for warning in node.warnings() {
             tracing::warn!(node = node.name, "{warning}");
         }
     }
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
 
     // The socket first: a second daemon must be refused before it touches anything that the first one uses.
     let path = socket_path::resolve(options.socket.as_deref(), loaded.config.daemon.socket.as_deref())?;
@@ -55,7 +65,28 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let instance = open_vulkan()?;
     let device = open_device(&instance, &loaded.config)?;
     tracing::info!(device = device.info().name, driver = device.info().driver_info, "rendering");
-    serve(&runtime, options, loaded, listener, store, (instance, device))
+    let served = serve(&runtime, signals, options, loaded, listener, store, (instance, device));
+
+    // A request that still reads a large file is nobody's any more.
+    runtime.shutdown_timeout(STOP_PATIENCE);
+    served
+}
+
+/// The signals that mean something to the daemon. One that comes while it starts is heard as soon as it runs.
+struct Signals {
+    terminate: Signal,
+    interrupt: Signal,
+    hang_up: Signal,
+}
+
+impl Signals {
+    fn listen() -> std::io::Result<Self> {
+        Ok(Self {
+            terminate: signal(SignalKind::terminate())?,
+            interrupt: signal(SignalKind::interrupt())?,
+            hang_up: signal(SignalKind::hangup())?,
+        })
+    }
 }
 
 /// Brings back the revision that was kept, if it belongs to this configuration's scene.
@@ -75,12 +106,20 @@ fn restore(store: &Store, loaded: &mut Loaded) {
             tracing::info!(revision = state.revision, "restored the scene that was kept");
             loaded.editor = editor;
         }
-        Err(error) => tracing::warn!("the scene that was kept cannot be shown: {error}; the configuration's is"),
+        Err(error) => {
+            tracing::warn!(
+                "the scene that was kept cannot be shown: {error}; it was set aside, and the configuration's is"
+            );
+            if let Err(error) = store.set_aside() {
+                tracing::warn!("{error}");
+            }
+        }
     }
 }
 
 fn serve(
     runtime: &Runtime,
+    signals: Signals,
     options: &Options,
     loaded: Loaded,
     listener: control::Listener,
@@ -115,36 +154,35 @@ fn serve(
     let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
     tracing::info!(socket = %server.path().display(), "ready");
 
-    let mut frame_thread = Some(thread);
-    runtime.block_on(async {
-        let mut terminate = signal(SignalKind::terminate())?;
-        let mut interrupt = signal(SignalKind::interrupt())?;
-        let mut hang_up = signal(SignalKind::hangup())?;
-        let mut look = tokio::time::interval(std::time::Duration::from_millis(100));
-        loop {
-            tokio::select! {
-                _ = terminate.recv() => break,
-                _ = interrupt.recv() => break,
-                _ = hang_up.recv() => {
-                    let engine = engine.clone();
-                    tokio::task::spawn_blocking(move || {
-                        use control::Engine as _;
-                        if let Err(error) = engine.reload() {
-                            tracing::warn!("reload: {}", error.message);
-                        }
-                    });
-                }
-                _ = look.tick() => if frame_thread.as_ref().is_none_or(|t| t.is_finished()) { break },
+    let Signals { mut terminate, mut interrupt, mut hang_up } = signals;
+    let reloads = runtime.spawn(async move {
+        // One after the other; hang-ups that come meanwhile are one.
+        while hang_up.recv().await.is_some() {
+            let engine = engine.clone();
+            let reload = tokio::task::spawn_blocking(move || control::Engine::reload(&*engine));
+            if let Ok(Err(error)) = reload.await {
+                tracing::warn!("the configuration was not reloaded: {}", error.message);
             }
         }
-        Ok::<_, std::io::Error>(())
-    })?;
+    });
+    let mut frames_end = runtime.spawn_blocking(move || thread.join());
+    let ended = runtime.block_on(async {
+        tokio::select! {
+            _ = terminate.recv() => None,
+            _ = interrupt.recv() => None,
+            ended = &mut frames_end => Some(ended),
+        }
+    });
     tracing::info!("stopping");
     drop(server);
+    reloads.abort();
     shared.stop();
-    match frame_thread.take().map(std::thread::JoinHandle::join) {
-        Some(Ok(ended)) => ended.context("the frame thread"),
-        Some(Err(_)) => Err(anyhow!("the frame thread panicked")),
-        None => Ok(()),
+    let ended = match ended {
+        Some(ended) => ended,
+        None => runtime.block_on(frames_end),
+    };
+    match ended {
+        Ok(Ok(ended)) => ended.context("the frame thread"),
+        Ok(Err(_)) | Err(_) => Err(anyhow!("the frame thread panicked")),
     }
 }

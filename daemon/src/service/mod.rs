@@ -6,12 +6,14 @@
 //! - [`shared`]: what other threads ask of it;
 //! - [`engine`]: the control socket's operations;
 //! - [`stats`]: what `status` says about frames;
+//! - [`panics`]: the end of a process that has a fault;
 //! - [`state`]: the scene across restarts;
 //! - [`vulkan`]: the instance and the device.
 
 pub mod engine;
 pub mod frames;
 pub mod lifecycle;
+pub mod panics;
 pub mod setup;
 pub mod shared;
 pub mod state;

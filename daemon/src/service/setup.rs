@@ -44,7 +44,7 @@ pub fn from_config(config: Config, file: &str) -> Result<Loaded, Problems> {
     for projector in &config.projectors {
         match Calibration::from_config(projector) {
             Ok(calibration) => projectors.push(ProjectorSpec { name: projector.name.clone(), calibration }),
-            Err(error) => problems.push(calibration_problem(file, &projector.name, &error)),
+            Err(error) => problems.push(calibration_problem(&config, file, &projector.name, &error)),
         }
     }
     let limits = (&config.limits).into();
@@ -53,27 +53,27 @@ pub fn from_config(config: Config, file: &str) -> Result<Loaded, Problems> {
         Ok(editor) if problems.is_empty() => Ok(Loaded { config, projectors, editor }),
         Ok(_) => Err(Problems(problems)),
         Err(of_scene) => {
-            problems.extend(of_scene.into_iter().map(|p| problem(file, &p.at, &p.message)));
+            problems.extend(of_scene.into_iter().map(|p| problem(&config, file, &p.at, p.field, &p.message)));
             Err(Problems(problems))
         }
     }
 }
 
-/// A problem of an entry as a whole; `hint:` in the message starts the remedy.
-fn problem(file: &str, at: &str, message: &str) -> Problem {
+/// A problem of an entry of the configuration; `hint:` in the message starts the remedy.
+fn problem(config: &Config, file: &str, at: &str, field: &str, message: &str) -> Problem {
     let (message, hint) = message.split_once("hint:").unwrap_or((message, "see the configuration's reference"));
     let message = message.trim_end().trim_end_matches(';');
-    Problem {
-        file: file.to_owned(),
-        line: 0,
-        column: 0,
-        message: format!("{at}: {message}"),
-        hint: hint.trim().to_owned(),
-    }
+    let (line, column) = config.places.of(&format!("{at}.{field}")).unwrap_or_default();
+    Problem { file: file.to_owned(), line, column, message: format!("{at}: {message}"), hint: hint.trim().to_owned() }
 }
 
-fn calibration_problem(file: &str, projector: &str, error: &CalibrationError) -> Problem {
-    problem(file, &format!("projector {projector:?}"), &error.to_string())
+fn calibration_problem(config: &Config, file: &str, projector: &str, error: &CalibrationError) -> Problem {
+    let field = match error {
+        CalibrationError::NotFinite { matrix, .. } | CalibrationError::Singular { matrix, .. } => *matrix,
+        CalibrationError::NoPixels { .. } => "",
+    };
+    let at = format!("projector {projector:?}");
+    problem(config, file, &at, &format!("calibration.{field}"), &error.to_string())
 }
 
 /// How the configuration wants frames rendered.

@@ -17,8 +17,8 @@ const MAX_REQUESTS: usize = 64;
 pub enum Request {
     /// A layer of a projector's picture.
     Read {
-        /// Which projector.
-        projector: usize,
+        /// Its name: its number may be another's by the time that the request is served.
+        projector: String,
         /// Which layer.
         layer: Layer,
         /// Where the answer goes.
@@ -86,16 +86,28 @@ impl Shared {
         self.wake.notify_all();
     }
 
-    /// Ends the frame thread after what it does now.
+    /// Ends the frame thread after what it does now. Whoever waits for it, or will, hears that nobody answers any more.
     pub fn stop(&self) {
-        self.lock().stop = true;
+        let mut inner = self.lock();
+        inner.stop = true;
+        inner.waiters.clear();
+        inner.requests.clear();
+        drop(inner);
         self.wake.notify_all();
+    }
+
+    /// Whether it was told to stop.
+    pub fn stopping(&self) -> bool {
+        self.lock().stop
     }
 
     /// Publishes a revision, if it is newer than the one there. The receiver gets the number of the first frame that shows it.
     pub fn publish(&self, scene: Arc<Scene>) -> Receiver<Result<u64, String>> {
         let (reply, shown) = sync_channel(1);
         let mut inner = self.lock();
+        if inner.stop {
+            return shown;
+        }
         inner.waiters.push(Waiter { revision: scene.revision, reply });
         if scene.revision > inner.scene.revision {
             inner.scene = scene;
@@ -104,6 +116,14 @@ impl Shared {
         drop(inner);
         self.wake.notify_all();
         shown
+    }
+
+    /// Publishes a revision that the frame thread has made itself, and so need not be told of.
+    pub fn publish_shown(&self, scene: &Arc<Scene>) {
+        let mut inner = self.lock();
+        if scene.revision > inner.scene.revision {
+            inner.scene = scene.clone();
+        }
     }
 
     /// Queues a request; false where too many wait already.
@@ -158,10 +178,11 @@ impl Shared {
     /// Tells those who wait that `revision` is shown since `frame`, or why it cannot be.
     pub fn shown(&self, revision: u64, frame: Result<u64, String>) {
         let mut inner = self.lock();
-        let (done, waiting) = std::mem::take(&mut inner.waiters).into_iter().partition(|w| w.revision <= revision);
+        let waiters = std::mem::take(&mut inner.waiters);
+        let (done, waiting): (Vec<_>, Vec<_>) = waiters.into_iter().partition(|w| w.revision <= revision);
         inner.waiters = waiting;
         drop(inner);
-        for waiter in Vec::<Waiter>::from(done) {
+        for waiter in done {
             // Nobody may be there any more to hear it.
             let _ = waiter.reply.send(frame.clone());
         }

@@ -125,7 +125,11 @@ impl Store {
         }
     }
 
-    fn set_aside(&self) -> Result<(), StateError> {
+    /// Moves what is kept out of the way, for a person to look at.
+    ///
+    /// # Errors
+    /// [`StateError::Io`].
+    pub fn set_aside(&self) -> Result<(), StateError> {
         let path = self.path();
         fs::rename(&path, self.folder.join("scene.json.aside")).map_err(io_error("set aside", &path))
     }

@@ -33,7 +33,8 @@ impl Default for ProjectorStats {
     fn default() -> Self {
         #[expect(clippy::unwrap_used, reason = "the bounds are constants that the histogram takes")]
         let times = Histogram::new_with_bounds(1, LONGEST_US, 3).unwrap();
-        Self { frames: 0, missed: 0, frame: 0, revision: 0, stages_ms: BTreeMap::new(), pose_to_submit_ms: 0.0, times }
+        let stages_ms = ["primary", "secondary", "composite"].map(|stage| (stage.to_owned(), 0.0)).into();
+        Self { frames: 0, missed: 0, frame: 0, revision: 0, stages_ms, pose_to_submit_ms: 0.0, times }
     }
 }
 
@@ -69,6 +70,8 @@ impl Stats {
             stats.frame = frame;
             stats.revision = revision;
             stats.pose_to_submit_ms = report.pose_to_submit_ms;
+            // A stage that had nothing to do in this frame took no time in it.
+            stats.stages_ms.values_mut().for_each(|ms| *ms = 0.0);
             for (stage, ms) in &report.stages_ms {
                 stats.stages_ms.insert((*stage).to_owned(), *ms);
             }
