@@ -8,23 +8,18 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-layout(std430, binding = 15) readonly buffer Hits { uvec2 hits[]; };
-layout(std430, binding = 16) readonly buffer Closest { uvec2 closest[]; };
-layout(std430, binding = 19) buffer Weight { float weight[]; };
+layout(std430, binding = 16) readonly buffer Closest { uvec4 closest[]; };
+layout(std430, binding = 19) writeonly buffer Weight { float weight[]; };
 
-// Runs once for each sample plane and writes where that plane holds the pixel's closest sample.
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     if (outside_image(pixel)) {
         return;
     }
     uint index = pixel_index(pixel);
-    uvec2 nearest = closest[index];
-    bool missed = isinf(uintBitsToFloat(nearest.x));
-    if (missed || (nearest.y >> 24u) != push.sample_index) {
-        if (missed) {
-            weight[index] = 0.0;
-        }
+    uvec4 nearest = closest[index];
+    if (isinf(uintBitsToFloat(nearest.x))) {
+        weight[index] = 0.0;
         return;
     }
     if (frame.blend == 0u || frame.projector_count < 2u) {
@@ -32,18 +27,19 @@ void main() {
         return;
     }
     bool inside;
-    Surface s = lit_surface(sample_ray(pixel, push.sample_index), hits[index], inside);
-    float sum = 0.0;
-    float mine = 0.0;
-    uint rays = 0u;
-    for (uint i = 0u; i < frame.projector_count; ++i) {
-        // That this projector sees the point needs no ray: its primary ray has found it.
-        bool self = i == frame.projector_index;
-        float share = share_of(i, s.position, s.normal_geometric, !self);
-        sum += share;
-        rays += self ? 0u : 1u;
-        mine = self ? share : mine;
+    Surface s = lit_surface(sample_ray(pixel, nearest.y), nearest.zw, inside);
+
+    // That this projector sees the point needs no ray: its primary ray has found it.
+    float mine = share_of(frame.projector_index, s.position, s.normal_geometric, false);
+    float sum = mine;
+    uint i = frame.projector_index == 0u ? 1u : 0u;
+    while (true) {
+        sum += share_of(i, s.position, s.normal_geometric, true);
+        i += i + 1u == frame.projector_index ? 2u : 1u;
+        if (i >= frame.projector_count) {
+            break;
+        }
     }
     weight[index] = sum > 0.0 ? mine / sum : 1.0;
-    publish_counts(0u, rays);
+    publish_counts(0u, frame.projector_count - 1u);
 }

@@ -8,7 +8,7 @@
 #include "include/primary_ray.glsl"
 #include "include/random.glsl"
 
-layout(std430, binding = 16) readonly buffer Closest { uvec2 closest[]; };
+layout(std430, binding = 16) readonly buffer Closest { uvec4 closest[]; };
 layout(std430, binding = 17) readonly buffer Light { vec4 light[]; };
 layout(std430, binding = 18) readonly buffer Look { vec4 look[]; };
 layout(std430, binding = 19) readonly buffer Weight { float weight[]; };
@@ -19,7 +19,7 @@ layout(location = 1) out float node;
 void main() {
     uvec2 pixel = uvec2(gl_FragCoord.xy);
     uint index = pixel.y * uint(frame.frustum.resolution_px.x) + pixel.x;
-    uvec2 nearest = closest[index];
+    uvec4 nearest = closest[index];
     float distance_m = uintBitsToFloat(nearest.x);
     if (isinf(distance_m)) {
         radiance_and_weight = vec4(0.0);
@@ -28,10 +28,10 @@ void main() {
         return;
     }
     radiance_and_weight = vec4(max(light[index].rgb + look[index].rgb, vec3(0.0)), weight[index]);
-    node = float(instance_words(nearest.y & 0xffffffu).scene_node);
+    node = float(instance_words(nearest.z).scene_node);
 
     // The ray of the sample that is closest, walked to its hit, and its depth there.
-    vec2 at_px = vec2(pixel) + sample_offset(pixel, nearest.y >> 24u);
+    vec2 at_px = vec2(pixel) + sample_offset(pixel, nearest.y);
     vec3 origin, direction;
     float t_max;
     frustum_ray(frame.frustum, at_px, origin, direction, t_max);

@@ -51,10 +51,16 @@ void main() {
             vec3 diffuse = diffuse_color(s);
             if (max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0) {
                 vec3 sum = irradiance_over_pi(s.normal);
-                for (uint i = 0u; i < frame.light_count; ++i) {
-                    vec3 to_light;
-                    vec3 lux = arriving(lights[i], s, to_light);
-                    sum += lux * (max(dot(s.normal, to_light), 0.0) / PI);
+                uint i = 0u;
+                while (true) {
+                    if (i < frame.light_count) {
+                        vec3 to_light;
+                        vec3 lux = arriving(light_of(i), s, to_light);
+                        sum += lux * (max(dot(s.normal, to_light), 0.0) / PI);
+                    }
+                    if (++i >= frame.light_count) {
+                        break;
+                    }
                 }
                 radiance += diffuse * sum;
             }

@@ -10,8 +10,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(std430, binding = 15) writeonly buffer Hits { uvec2 hits[]; };
 
-// Of the samples so far, the closest: distance (f32 bits), and sample number << 24 | instance; distance +inf where all missed.
-layout(std430, binding = 16) buffer Closest { uvec2 closest[]; };
+// Of the samples so far, the closest: distance (f32 bits, +inf where all missed), sample, instance, triangle.
+layout(std430, binding = 16) buffer Closest { uvec4 closest[]; };
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
@@ -25,7 +25,7 @@ void main() {
 
     // The closest sample, never a mean: a mean lies on no surface (PAPER.md, Hybrid Rendering).
     bool found = hit.instance != NO_INSTANCE;
-    uvec2 mine = uvec2(floatBitsToUint(found ? hit.t : uintBitsToFloat(0x7f800000u)), push.sample_index << 24u | (hit.instance & 0xffffffu));
+    uvec4 mine = uvec4(floatBitsToUint(found ? hit.t : uintBitsToFloat(0x7f800000u)), push.sample_index, hit.instance, hit.triangle);
     if (push.sample_index == 0u || (found && hit.t < uintBitsToFloat(closest[index].x))) {
         closest[index] = mine;
     }

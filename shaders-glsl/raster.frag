@@ -32,7 +32,7 @@ void main() {
     for (uint i = 0u; i < frame.light_count; ++i) {
         vec3 l;
         float distance_m;
-        vec3 lux = light_at(lights[i], s.position, l, distance_m);
+        vec3 lux = light_at(light_of(i), s.position, l, distance_m);
         float n_l = dot(s.normal, l);
         if (n_l > 0.0) {
             sum += lux * diffuse_color(s) * (n_l / PI);

@@ -34,6 +34,16 @@ const int POINT = 0;
 const int MET = 1;
 const int TAKE_BACK = 2;
 
+// A surface as a ray sees it.
+struct Sight {
+    Surface s;
+    vec3 v;                // back along the ray
+    vec3 throughput;
+    vec3 absorption_per_m; // of the body that the ray came through
+    uint depth;
+    bool inside;           // the ray is about to leave a body that refracts
+};
+
 struct Waiting {
     vec3 origin;
     vec3 direction;
@@ -96,28 +106,101 @@ vec3 lobe_direction(Surface s, vec3 v, float roughness, uvec2 pixel, out float s
     return d;
 }
 
+// What a sight sends to the eye by itself, times its throughput; the rays that it needs besides are put among the waiting ones.
+vec3 shade(Sight sight, const uvec2 pixel, int turn) {
+    Surface s = sight.s;
+    vec3 v = sight.v;
+    vec3 throughput = sight.throughput;
+    bool inside = sight.inside;
+    vec3 radiance = vec3(0.0);
+    float n_v = max(dot(s.normal, v), 1e-4);
+
+    // The coat reflects first; what is below it gets the rest.
+    float coat = s.clearcoat > 0.0 && !inside && turn != TAKE_BACK ? s.clearcoat * fresnel_dielectric(n_v, 1.5) : 0.0;
+
+    // Lights: one shadow ray each serves the diffuse part (not at the point: another pass has it) and the highlights.
+    vec3 diffuse = turn == POINT ? vec3(0.0) : diffuse_color(s);
+    bool has_lobe = turn != TAKE_BACK && (specular_scale(s) > 0.0 && s.roughness >= MIRROR_ROUGHNESS ||
+                                          s.clearcoat > 0.0 && s.clearcoat_roughness >= MIRROR_ROUGHNESS);
+    if (turn != POINT) {
+        radiance += throughput * (1.0 - coat) * (s.emissive + diffuse * irradiance_over_pi(s.normal));
+    }
+    uint light_count = has_lobe || max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0 ? frame.light_count : 0u;
+    uint i = 0u;
+    while (true) {
+        vec3 l;
+        vec3 lux = i < light_count ? arriving(light_of(i), s, l) : vec3(0.0);
+        if (max(lux.x, max(lux.y, lux.z)) > 0.0) {
+            vec3 response = diffuse * (max(dot(s.normal, l), 0.0) / PI);
+            vec3 over = vec3(0.0);
+            if (has_lobe) {
+                float v_h = max(dot(v, normalize(v + l)), 0.0);
+                response += highlight(s.normal, v, l, s.roughness, base_fresnel(s, v_h, inside));
+                over = s.clearcoat * highlight(s.normal, v, l, s.clearcoat_roughness, vec3(fresnel_dielectric(v_h, 1.5)));
+            }
+            radiance += throughput * lux * ((1.0 - coat) * response + over);
+        }
+        if (++i >= light_count) {
+            break;
+        }
+    }
+    if (turn == TAKE_BACK) {
+        return radiance;
+    }
+
+    // Reflection by the base layer.
+    vec3 outside_origin = offset_origin(s.position, s.normal_geometric);
+    vec3 below = throughput * (1.0 - coat);
+    vec3 f = base_fresnel(s, n_v, inside);
+    if (max(f.x, max(f.y, f.z)) > 0.0) {
+        float share, cos_i;
+        vec3 d = lobe_direction(s, v, s.roughness, pixel, share, cos_i);
+        vec3 f_lobe = s.roughness >= MIRROR_ROUGHNESS ? base_fresnel(s, cos_i, inside) : f;
+        follow(Waiting(outside_origin, d, below * f_lobe * share, sight.depth + 1u, EVERYTHING, 3.0e38, sight.absorption_per_m));
+    }
+
+    // Reflection by the coat.
+    if (coat > 0.0) {
+        float share, cos_i;
+        vec3 d = lobe_direction(s, v, s.clearcoat_roughness, pixel, share, cos_i);
+        follow(Waiting(outside_origin, d, throughput * coat * share, sight.depth + 1u, EVERYTHING, 3.0e38, sight.absorption_per_m));
+    }
+
+    // Transmission: bent where the body is closed, straight through a thin sheet.
+    if (s.transmission > 0.0) {
+        bool solid = s.thickness > 0.0;
+        float eta = inside ? 1.0 / s.ior : s.ior;
+        float reflected = fresnel_dielectric(n_v, solid ? eta : s.ior);
+        vec3 through = below * s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - reflected));
+        vec3 d = solid ? refract(-v, s.normal, 1.0 / eta) : -v;
+        if (dot(d, d) > 0.0) {
+            bool enters = solid && !inside;
+            follow(Waiting(offset_origin(s.position, -s.normal_geometric), normalize(d), through, sight.depth + 1u, EVERYTHING, 3.0e38,
+                           enters ? s.absorption_per_m : (solid ? vec3(0.0) : sight.absorption_per_m)));
+        }
+    }
+    return radiance;
+}
+
 void main() {
     if (gl_GlobalInvocationID.x >= live_count) {
         return;
     }
     uint index = live[gl_GlobalInvocationID.x];
     uvec2 pixel = pixel_of(index);
-    uvec2 found = hits[index];
     Ray primary = sample_ray(pixel, push.sample_index);
-    bool inside;
-    Surface s = lit_surface(primary, found, inside);
+    Sight point;
+    point.s = lit_surface(primary, hits[index], point.inside);
     vec3 eye;
-    bool seen = EYE_AT_PROJECTOR != 0u || viewer_of(s, eye);
-    bool eye_light = depends_on_eye(s);
-    if (!seen) {
+    if (EYE_AT_PROJECTOR == 0u && !viewer_of(point.s, eye)) {
         return;
     }
-
-    vec3 v = EYE_AT_PROJECTOR != 0u ? -primary.direction : normalize(eye - s.position);
+    point.v = EYE_AT_PROJECTOR != 0u ? -primary.direction : normalize(eye - point.s.position);
+    point.throughput = vec3(1.0);
+    point.absorption_per_m = vec3(0.0);
+    point.depth = 0u;
+    bool eye_light = depends_on_eye(point.s);
     vec3 radiance = vec3(0.0);
-    vec3 throughput = vec3(1.0);
-    vec3 absorption = vec3(0.0);
-    uint depth = 0u;
     waiting_count = 0u;
     rays_made = 0u;
 
@@ -125,117 +208,47 @@ void main() {
     // where there is none.
     bool at_point = frame.virtual_count == 0u || EYE_AT_PROJECTOR != 0u;
     if (!at_point) {
-        follow(Waiting(eye, -v, vec3(1.0), 0u, ROLE_VIRTUAL, length(eye - s.position) * (1.0 - 1e-5), vec3(0.0)));
+        follow(Waiting(eye, -point.v, vec3(1.0), 0u, ROLE_VIRTUAL, length(eye - point.s.position) * (1.0 - 1e-5), vec3(0.0)));
     }
-    Surface point = s;
-    bool point_inside = inside;
     bool hidden = false;
 
     // Every turn of this loop looks at one surface: the point itself, what the next waiting ray meets, or the point once more to take
-    // back what the eye-independent pass has put there, because a virtual thing hides it.
+    // back what the eye-independent pass has put there, because a virtual thing hides it. It ends at its bottom, as traverse.glsl says.
     while (true) {
-        int turn = at_point ? POINT : MET;
+        Sight sight = point;
+        int turn = POINT;
+        bool shades = true;
         if (hidden) {
             turn = TAKE_BACK;
             hidden = false;
-            s = point;
-            throughput = vec3(-1.0);
+            sight.throughput = vec3(-1.0);
         } else if (!at_point) {
-            if (waiting_count == 0u) {
-                break;
-            }
             Waiting w = waiting[--waiting_count];
             Hit hit = trace_closest(Ray(w.origin, w.direction, 0.0, w.t_max), w.roles);
             ++secondary_rays_made;
-            throughput = w.throughput;
-            depth = w.depth;
-            v = -w.direction;
             bool looks_for_virtual = w.roles == ROLE_VIRTUAL;
             if (hit.instance != NO_INSTANCE) {
-                absorption = w.absorption_per_m;
-                throughput *= exp(-absorption * hit.t);
-                s = surface_at(hit.instance, hit.triangle, hit.barycentric);
-                if ((s.flags & ROLE_MASK) != 0u) {
-                    continue;
-                }
-                inside = turn_to(s, w.direction);
+                turn = MET;
+                sight.s = surface_at(hit.instance, hit.triangle, hit.barycentric);
+                sight.inside = turn_to(sight.s, w.direction);
+                sight.v = -w.direction;
+                sight.throughput = w.throughput * exp(-w.absorption_per_m * hit.t);
+                sight.absorption_per_m = w.absorption_per_m;
+                sight.depth = w.depth;
+                shades = (sight.s.flags & ROLE_MASK) == 0u;
                 hidden = looks_for_virtual;
-            } else if (looks_for_virtual) {
-                // The line of sight is free.
-                turn = POINT;
-                s = point;
-                absorption = vec3(0.0);
-                inside = point_inside;
-                if (!eye_light) {
-                    break;
-                }
             } else {
-                radiance += throughput * environment_radiance(w.direction);
-                continue;
+                // A miss sees the environment; but where a virtual thing was looked for, the line of sight is free.
+                shades = looks_for_virtual && eye_light;
+                radiance += looks_for_virtual ? vec3(0.0) : w.throughput * environment_radiance(w.direction);
             }
         }
         at_point = false;
-        float n_v = max(dot(s.normal, v), 1e-4);
-
-        // The coat reflects first; what is below it gets the rest.
-        float coat = s.clearcoat > 0.0 && !inside && turn != TAKE_BACK ? s.clearcoat * fresnel_dielectric(n_v, 1.5) : 0.0;
-
-        // Lights: one shadow ray each serves the diffuse part (not at the point: another pass has it) and the highlights.
-        vec3 diffuse = turn == POINT ? vec3(0.0) : diffuse_color(s);
-        bool has_lobe = turn != TAKE_BACK && (specular_scale(s) > 0.0 && s.roughness >= MIRROR_ROUGHNESS ||
-                                              s.clearcoat > 0.0 && s.clearcoat_roughness >= MIRROR_ROUGHNESS);
-        if (turn != POINT) {
-            radiance += throughput * (1.0 - coat) * (s.emissive + diffuse * irradiance_over_pi(s.normal));
+        if (shades) {
+            radiance += shade(sight, pixel, turn);
         }
-        uint light_count = has_lobe || max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0 ? frame.light_count : 0u;
-        for (uint i = 0u; i < light_count; ++i) {
-            vec3 l;
-            vec3 lux = arriving(lights[i], s, l);
-            if (max(lux.x, max(lux.y, lux.z)) > 0.0) {
-                vec3 response = diffuse * (max(dot(s.normal, l), 0.0) / PI);
-                vec3 over = vec3(0.0);
-                if (has_lobe) {
-                    float v_h = max(dot(v, normalize(v + l)), 0.0);
-                    response += highlight(s.normal, v, l, s.roughness, base_fresnel(s, v_h, inside));
-                    over = s.clearcoat * highlight(s.normal, v, l, s.clearcoat_roughness, vec3(fresnel_dielectric(v_h, 1.5)));
-                }
-                radiance += throughput * lux * ((1.0 - coat) * response + over);
-            }
-        }
-        if (turn == TAKE_BACK) {
-            continue;
-        }
-
-        // Reflection by the base layer.
-        vec3 outside_origin = offset_origin(s.position, s.normal_geometric);
-        vec3 below = throughput * (1.0 - coat);
-        vec3 f = base_fresnel(s, n_v, inside);
-        if (max(f.x, max(f.y, f.z)) > 0.0) {
-            float share, cos_i;
-            vec3 d = lobe_direction(s, v, s.roughness, pixel, share, cos_i);
-            vec3 f_lobe = s.roughness >= MIRROR_ROUGHNESS ? base_fresnel(s, cos_i, inside) : f;
-            follow(Waiting(outside_origin, d, below * f_lobe * share, depth + 1u, EVERYTHING, 3.0e38, absorption));
-        }
-
-        // Reflection by the coat.
-        if (coat > 0.0) {
-            float share, cos_i;
-            vec3 d = lobe_direction(s, v, s.clearcoat_roughness, pixel, share, cos_i);
-            follow(Waiting(outside_origin, d, throughput * coat * share, depth + 1u, EVERYTHING, 3.0e38, absorption));
-        }
-
-        // Transmission: bent where the body is closed, straight through a thin sheet.
-        if (s.transmission > 0.0) {
-            bool solid = s.thickness > 0.0;
-            float eta = inside ? 1.0 / s.ior : s.ior;
-            float reflected = fresnel_dielectric(n_v, solid ? eta : s.ior);
-            vec3 through = below * s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - reflected));
-            vec3 d = solid ? refract(-v, s.normal, 1.0 / eta) : -v;
-            if (dot(d, d) > 0.0) {
-                bool enters = solid && !inside;
-                follow(Waiting(offset_origin(s.position, -s.normal_geometric), normalize(d), through, depth + 1u, EVERYTHING, 3.0e38,
-                               enters ? s.absorption_per_m : (solid ? vec3(0.0) : absorption)));
-            }
+        if (waiting_count == 0u && !hidden) {
+            break;
         }
     }
     look[index] += vec4(radiance, 1.0) / float(frame.samples);

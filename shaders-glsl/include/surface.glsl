@@ -80,7 +80,7 @@ vec4 texture_at(uint index, vec2 uv) {
 Surface surface_at(uint instance, uint triangle, vec2 barycentric) {
     InstanceWords words = instance_words(instance);
     int at = (int(words.triangle_base) + int(triangle)) * 3;
-    vec4 corner = texelFetch(triangles, at);
+    vec3 corner = texelFetch(triangles, at).xyz;
     vec3 e1 = texelFetch(triangles, at + 1).xyz;
     vec3 e2 = texelFetch(triangles, at + 2).xyz;
     vec4 row0, row1, row2;
@@ -91,26 +91,25 @@ Surface surface_at(uint instance, uint triangle, vec2 barycentric) {
     // The point from its barycentrics: its error is bounded by the corners' rounding, not by the ray's length. The normal by the
     // inverse transpose; a mirroring transform turns the winding around, and the determinant's sign turns it back.
     Surface s;
-    s.position = transform_point(row0, row1, row2, corner.xyz + barycentric.x * e1 + barycentric.y * e2);
+    s.position = transform_point(row0, row1, row2, corner + barycentric.x * e1 + barycentric.y * e2);
     vec3 n = cross(e1, e2);
     s.normal_geometric = normalize(inverse0.xyz * n.x + inverse1.xyz * n.y + inverse2.xyz * n.z);
     float mirrored = dot(row0.xyz, cross(row1.xyz, row2.xyz)) < 0.0 ? -1.0 : 1.0;
 
     // Interpolated attributes.
-    int first = at;
-    ivec3 corners = ivec3(texelFetch(indices, first).x, texelFetch(indices, first + 1).x, texelFetch(indices, first + 2).x) +
-                    int(words.vertex_base);
+    uvec4 numbers = texelFetch(indices, int(words.triangle_base + triangle));
     vec3 weights = vec3(1.0 - barycentric.x - barycentric.y, barycentric);
     vec3 normal = vec3(0.0);
     vec2 uvs[3];
     for (int i = 0; i < 3; ++i) {
-        normal += weights[i] * decode_normal(texelFetch(vertices, corners[i] * 3).x);
-        uvs[i] = vec2(uintBitsToFloat(texelFetch(vertices, corners[i] * 3 + 1).x), uintBitsToFloat(texelFetch(vertices, corners[i] * 3 + 2).x));
+        uvec4 vertex = texelFetch(vertices, int(words.vertex_base + numbers[i]));
+        normal += weights[i] * decode_normal(vertex.x);
+        uvs[i] = uintBitsToFloat(vertex.yz);
     }
     vec2 uv = weights.x * uvs[0] + weights.y * uvs[1] + weights.z * uvs[2];
     s.normal = normalize(inverse0.xyz * normal.x + inverse1.xyz * normal.y + inverse2.xyz * normal.z);
 
-    GpuMaterial m = materials[words.material_base + floatBitsToUint(corner.w)];
+    GpuMaterial m = material_at(words.material_base + numbers.w);
 
     // The normal texture's tangent frame comes from the triangle's own texture coordinates.
     if (TEXTURED != 0u && m.normal_texture != NO_TEXTURE) {

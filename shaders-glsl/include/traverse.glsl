@@ -123,6 +123,9 @@ uint next_child(inout uvec2 group, uint octant4) {
     return child;
 }
 
+// Loops here end at the bottom of their bodies. A driver that keeps lanes apart by masks runs what follows a `break` once more for
+// nothing, and a loop whose condition stands on top one whole turn more; on lavapipe that was a third of the time.
+
 // Walks one mesh; `ray` is in its object space, where its direction has any length and its parameter is the world's.
 // True when `goal` needs no more.
 bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, bool lets_through, inout Hit hit) {
@@ -134,34 +137,9 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
     uvec2 stack[STACK_SIZE];
     int top = 0;
     uvec2 group = uvec2(0u, ROOT);
-    uvec2 primitives = uvec2(0u);
     while (true) {
         count_step();
-        while (primitives.y != 0u) {
-            count_step();
-            uint bit = uint(findMSB(primitives.y));
-            primitives.y &= ~(1u << bit);
-            uint triangle = primitives.x + bit;
-            int at = (int(words.triangle_base) + int(triangle)) * 3;
-            vec2 barycentric;
-            float t = intersect_triangle(ray.origin, ray.direction, texelFetch(triangles, at).xyz,
-                                         texelFetch(triangles, at + 1).xyz, texelFetch(triangles, at + 2).xyz, barycentric);
-            if (t > ray.t_min && t < nearest) {
-                hit = Hit(t, instance, triangle, barycentric);
-                nearest = t;
-                done = goal == ANY || goal == SHADOW && !lets_through;
-                nearest = done ? -1.0 : nearest;
-                primitives.y = done ? 0u : primitives.y;
-            }
-        }
-
-        // The nearest child of the group; where none is left, of the group that waits on top of the stack.
-        if ((group.y & NODE_BITS) == 0u) {
-            if (top == 0 || done) {
-                break;
-            }
-            group = stack[--top];
-        }
+        // The nearest child of the group; its own children become the group, and this one waits.
         uint child = next_child(group, octant4);
         if ((group.y & NODE_BITS) != 0u) {
             stack[top++] = group;
@@ -172,7 +150,38 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
         uint mask = intersect_node(n0, n1, texelFetch(blas_nodes, at + 2), texelFetch(blas_nodes, at + 3),
                                    texelFetch(blas_nodes, at + 4), ray.origin, inverse, octant4, ray.t_min, nearest);
         group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
-        primitives = uvec2(n1.y, mask & ~NODE_BITS);
+        uvec2 primitives = uvec2(n1.y, mask & ~NODE_BITS);
+
+        while (true) {
+            count_step();
+            if (primitives.y != 0u) {
+                uint bit = uint(findMSB(primitives.y));
+                primitives.y &= ~(1u << bit);
+                uint triangle = primitives.x + bit;
+                int at = (int(words.triangle_base) + int(triangle)) * 3;
+                vec2 barycentric;
+                float t = intersect_triangle(ray.origin, ray.direction, texelFetch(triangles, at).xyz,
+                                             texelFetch(triangles, at + 1).xyz, texelFetch(triangles, at + 2).xyz, barycentric);
+                if (t > ray.t_min && t < nearest) {
+                    hit = Hit(t, instance, triangle, barycentric);
+                    nearest = t;
+                    done = goal == ANY || goal == SHADOW && !lets_through;
+                }
+            }
+            if (primitives.y == 0u || done) {
+                break;
+            }
+        }
+
+        // Where the group is done, the one on top of the stack is next.
+        bool more = (group.y & NODE_BITS) != 0u;
+        if (!more && top > 0) {
+            group = stack[--top];
+            more = true;
+        }
+        if (!more || done) {
+            break;
+        }
     }
     return done;
 }
@@ -192,13 +201,7 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
     uvec2 entries = uvec2(0u);
     while (true) {
         count_step();
-        if (entries.y == 0u) {
-            if ((group.y & NODE_BITS) == 0u) {
-                if (top == 0 || done) {
-                    break;
-                }
-                group = stack[--top];
-            }
+        if (entries.y == 0u && (group.y & NODE_BITS) != 0u) {
             uint child = next_child(group, octant4);
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
@@ -213,7 +216,7 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
         }
 
         // The instances of a leaf, one after the other, each with the ray in its own space.
-        if (entries.y != 0u && !done) {
+        if (entries.y != 0u) {
             uint bit = uint(findMSB(entries.y));
             entries.y &= ~(1u << bit);
             uint instance = texelFetch(tlas_order, int(entries.x + bit)).x;
@@ -223,6 +226,7 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
                 instance_rows(instance, 3, row0, row1, row2);
                 Ray inside = Ray(transform_point(row0, row1, row2, ray.origin), transform_vector(row0, row1, row2, ray.direction),
                                  ray.t_min, ray.t_max);
+
                 // What lets light through hides nothing behind it: the walk for opaque things keeps its length.
                 bool lets_through = goal == SHADOW && TRANSMISSIVE != 0u && (words.flags & (INSTANCE_OPAQUE | ROLE_MASK)) == 0u;
                 Hit met = hit;
@@ -237,8 +241,15 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
                 }
             }
         }
-        entries.y = done ? 0u : entries.y;
-        group.y = done ? 0u : group.y;
+
+        bool more = entries.y != 0u || (group.y & NODE_BITS) != 0u;
+        if (!more && top > 0) {
+            group = stack[--top];
+            more = true;
+        }
+        if (!more || done) {
+            break;
+        }
     }
     if (goal == SHADOW && !done) {
         hit = through;
@@ -267,18 +278,19 @@ vec3 trace_shadow(Ray ray) {
     vec3 transmittance = vec3(1.0);
     while (true) {
         Hit hit;
+        bool more = false;
         if (traverse(ray, EVERYTHING, SHADOW, hit)) {
-            return vec3(0.0);
+            transmittance = vec3(0.0);
+        } else if (TRANSMISSIVE != 0u && hit.instance != NO_INSTANCE) {
+            transmittance *= shadow_crossing(hit, ray.direction);
+            ray.t_min = hit.t;
+            more = max(transmittance.x, max(transmittance.y, transmittance.z)) > 1.0 / 1024.0;
         }
-        if (TRANSMISSIVE == 0u || hit.instance == NO_INSTANCE) {
-            return transmittance;
-        }
-        transmittance *= shadow_crossing(hit, ray.direction);
-        ray.t_min = hit.t;
-        if (max(transmittance.x, max(transmittance.y, transmittance.z)) < 1.0 / 1024.0) {
-            return vec3(0.0);
+        if (!more) {
+            break;
         }
     }
+    return transmittance;
 }
 #endif
 

@@ -21,13 +21,13 @@ pub(crate) struct Plane {
     pub(crate) primary: Arc<Bindings>,
     pub(crate) light: Arc<Bindings>,
     pub(crate) secondary: Arc<Bindings>,
-    pub(crate) blend: Arc<Bindings>,
 }
 
 /// Every pass of a projector with what it binds; made anew when a buffer of the scene is replaced.
 pub(crate) struct Bound {
     pub(crate) pipelines: Arc<Pipelines>,
     planes: Vec<Plane>,
+    pub(crate) blend: Arc<Bindings>,
     pub(crate) composite: Arc<Bindings>,
     pub(crate) raster: Arc<Bindings>,
     pub(crate) resolve: Arc<Bindings>,
@@ -42,11 +42,11 @@ impl Bound {
                 primary: all.bind(&*pipelines.primary, &[&shaders::PRIMARY_COMP])?,
                 light: all.bind(&*pipelines.light, &[&shaders::LIGHT_COMP])?,
                 secondary: all.bind(&*pipelines.secondary, &[&shaders::SECONDARY_COMP])?,
-                blend: all.bind(&*pipelines.blend, &[&shaders::BLEND_COMP])?,
             })
         };
         Ok(Self {
             planes: targets.hits.iter().zip(&targets.live).map(plane).collect::<Result<_, _>>()?,
+            blend: all.bind(&*pipelines.blend, &[&shaders::BLEND_COMP])?,
             composite: all.bind(&*pipelines.composite_first, &[&shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG])?,
             raster: all.bind(&*pipelines.raster, &[&shaders::RASTER_VERT, &shaders::RASTER_FRAG])?,
             resolve: all.bind(&*pipelines.resolve, &[&shaders::RESOLVE_COMP])?,

@@ -77,7 +77,7 @@ pub(crate) fn read(device: &Arc<Device>, of: &Projector, layer: Layer) -> Result
         }
         Layer::Distance => {
             let words = read_words(device, &targets.closest)?;
-            Texels::Scalar(words.chunks_exact(2).map(|c| float(c[0])).collect())
+            Texels::Scalar(words.chunks_exact(4).map(|c| float(c[0])).collect())
         }
         Layer::Depth => {
             let words = read_words(device, &targets.depth_and_node)?;

@@ -7,7 +7,7 @@ use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Image, ImageFormat, Imag
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
 
-/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 100.
+/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 108.
 pub(crate) struct Targets {
     /// Columns and rows.
     pub(crate) size_px: [u32; 2],
@@ -19,7 +19,7 @@ pub(crate) struct Targets {
     pub(crate) hits: Vec<Arc<Buffer>>,
     /// One list a sample: the pixels of the plane whose look depends on the eye; 16 bytes and 4 a pixel.
     pub(crate) live: Vec<Arc<Buffer>>,
-    /// Distance, and sample and instance, of the closest sample.
+    /// Distance, sample, instance and triangle of the closest sample.
     pub(crate) closest: Arc<Buffer>,
     /// Eye-independent light.
     pub(crate) light: Arc<Buffer>,
@@ -62,7 +62,7 @@ impl Targets {
             sample_state: storage("sample state", u64::from(samples) * 4)?,
             hits: (0..samples).map(|s| storage(&format!("hits {s}"), pixels * 8)).collect::<Result<_, _>>()?,
             live: (0..samples).map(|s| storage(&format!("live {s}"), LIVE_HEAD + pixels * 4)).collect::<Result<_, _>>()?,
-            closest: storage("closest", pixels * 8)?,
+            closest: storage("closest", pixels * 16)?,
             light: storage("light", pixels * 16)?,
             look: storage("look", pixels * 16)?,
             weight: storage("weight", pixels * 4)?,

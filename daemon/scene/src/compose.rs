@@ -115,7 +115,7 @@ fn pack_geometry(assets: &[Arc<Asset>]) -> (Parts, Vec<Arc<Mesh>>, GpuGeometry) 
         first_texture += asset.textures.len() as u32;
         for mesh in &asset.meshes {
             let nodes = packed.nodes.len() / 5;
-            parts.mesh_bases.push([nodes, packed.triangles.len() / 3, packed.vertices.len() / 3].map(|n| n as u32));
+            parts.mesh_bases.push([nodes, packed.triangles.len() / 3, packed.vertices.len()].map(|n| n as u32));
             pack_mesh(mesh, &mut packed);
             meshes.push(mesh.clone());
         }
@@ -127,13 +127,13 @@ fn pack_mesh(mesh: &Mesh, packed: &mut GpuGeometry) {
     packed.nodes.extend_from_slice(mesh.bvh.packed());
     for (triangle, material) in mesh.indices.iter().zip(&mesh.materials) {
         let [a, b, c] = triangle.map(|vertex| Vec3::from(mesh.positions[vertex as usize]));
-        packed.triangles.push(a.extend(f32::from_bits(*material)).to_array());
+        packed.triangles.push(a.extend(0.0).to_array());
         packed.triangles.push((b - a).extend(0.0).to_array());
         packed.triangles.push((c - a).extend(0.0).to_array());
-        packed.indices.extend_from_slice(triangle);
+        packed.indices.push([triangle[0], triangle[1], triangle[2], *material]);
     }
     for (normal, uv) in mesh.normals.iter().zip(&mesh.uvs) {
-        packed.vertices.extend([octahedral(*normal), uv[0].to_bits(), uv[1].to_bits()]);
+        packed.vertices.push([octahedral(*normal), uv[0].to_bits(), uv[1].to_bits(), 0]);
     }
 }
 

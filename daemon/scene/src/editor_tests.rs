@@ -47,13 +47,13 @@ fn verify_invariants(scene: &Scene) {
         if !mesh.indices.is_empty() {
             let triangle = &scene.geometry.triangles[3 * gpu.triangle_base as usize..][..3];
             assert_eq!(triangle[0][..3], mesh.positions[mesh.indices[0][0] as usize]);
-            assert_eq!(triangle[0][3].to_bits(), mesh.materials[0]);
             let root = &scene.geometry.nodes[5 * gpu.node_base as usize];
             assert_eq!(root[0], mesh.bvh.nodes[0].p.x.to_bits());
-            let uv = scene.geometry.vertices[3 * gpu.vertex_base as usize + 1];
+            let uv = scene.geometry.vertices[gpu.vertex_base as usize][1];
             assert_eq!(uv, mesh.uvs[0][0].to_bits());
-            let corner = scene.geometry.indices[3 * gpu.triangle_base as usize];
-            assert_eq!(corner, mesh.indices[0][0]);
+            let numbers = scene.geometry.indices[gpu.triangle_base as usize];
+            assert_eq!(numbers[..3], mesh.indices[0]);
+            assert_eq!(numbers[3], mesh.materials[0]);
         }
         let there = Vec3::new(0.3, 0.1, -0.2);
         let world = instance.world_from_object.transform_point3(there.as_dvec3()) - scene.origin_m;

@@ -45,7 +45,7 @@ pub struct GpuInstance {
     pub pad: u32,
 }
 
-/// A glTF metallic-roughness material; 112 bytes, std430.
+/// A glTF metallic-roughness material; 112 bytes, read as seven `uvec4` of a texel buffer.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct GpuMaterial {
@@ -108,7 +108,7 @@ pub const LIGHT_POINT: u32 = 1;
 /// [`GpuLight::kind`].
 pub const LIGHT_SPOT: u32 = 2;
 
-/// A punctual light, as KHR_lights_punctual has it; 64 bytes, std430.
+/// A punctual light, as KHR_lights_punctual has it; 64 bytes, read as four `uvec4` of a texel buffer.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct GpuLight {
@@ -137,13 +137,12 @@ pub struct GpuGeometry {
     /// CWBVH nodes, five `uvec4` each (`CwBvhNode`'s 80 bytes as they are); child and primitive numbers are the
     /// mesh's own, from 0.
     pub nodes: Vec<[u32; 4]>,
-    /// Three `vec4` a triangle, object space, m: corner 0 with the material's number (bits) in w; corner 1 − corner 0
-    /// and corner 2 − corner 0 with 0 in w.
+    /// Three `vec4` a triangle, object space, m, 0 in w: corner 0; corner 1 − corner 0; corner 2 − corner 0.
     pub triangles: Vec<[f32; 4]>,
-    /// Three a triangle: the mesh's own vertex numbers.
-    pub indices: Vec<u32>,
-    /// Three words a vertex: normal (octahedral, two snorm16, x in the low half), u, v (f32 bits).
-    pub vertices: Vec<u32>,
+    /// One a triangle: the mesh's own numbers of its three vertices, and its material's. One texel, hence one load.
+    pub indices: Vec<[u32; 4]>,
+    /// One a vertex: normal (octahedral, two snorm16, x in the low half), u, v (f32 bits), 0.
+    pub vertices: Vec<[u32; 4]>,
 }
 
 /// The top level: instances, and the structure over those that rays can meet.

@@ -158,10 +158,7 @@ impl FrameThread {
             self.count(report, began);
         } else {
             let revision = self.renderer.scene().revision;
-            let counts = self.frames.is_some();
-            for projector in self.renderer.projectors() {
-                self.links.stats.unchanged(&projector.name, revision, counts);
-            }
+            self.links.stats.unchanged(revision, self.frames.is_some());
         }
         Ok(report.is_some())
     }
@@ -202,11 +199,9 @@ impl FrameThread {
     fn count(&self, report: &FrameReport, began: Instant) {
         // Refreshes that passed while the frame was made, but for the one that it was made for.
         let passed = self.clock.refreshes(Instant::now()).saturating_sub(self.clock.refreshes(began));
-        let names: Vec<_> = self.renderer.projectors().map(|p| p.name.clone()).collect();
-        for projector in &report.projectors {
-            let missed = passed.saturating_sub(1);
-            self.links.stats.rendered(&names[projector.projector], projector, self.frame, report.revision, missed);
-        }
+        let names: Vec<_> = self.renderer.projectors().map(|p| p.name.as_str()).collect();
+        let reports: Vec<_> = report.projectors.iter().map(|p| (names[p.projector], p)).collect();
+        self.links.stats.rendered(&reports, self.frame, report.revision, passed.saturating_sub(1));
         tracing::trace!(frame = self.frame, revision = report.revision, "frame");
     }
 

@@ -39,6 +39,19 @@ impl Default for ProjectorStats {
 }
 
 impl ProjectorStats {
+    fn rendered(&mut self, report: &ProjectorReport, frame: u64, missed: u64) {
+        self.frames += 1;
+        self.missed += missed;
+        self.frame = frame;
+        self.pose_to_submit_ms = report.pose_to_submit_ms;
+        // A stage that had nothing to do in this frame took no time in it.
+        self.stages_ms.values_mut().for_each(|ms| *ms = 0.0);
+        for (stage, ms) in &report.stages_ms {
+            self.stages_ms.insert((*stage).to_owned(), *ms);
+        }
+        self.times.saturating_record(((report.frame_ms * 1e3) as u64).clamp(1, LONGEST_US));
+    }
+
     /// Percentiles of the frames so far, ms.
     pub fn frame_ms(&self) -> FrameTimes {
         let at = |q| self.times.value_at_quantile(q) as f64 / 1e3;
@@ -62,26 +75,20 @@ impl Stats {
         all.extend(names.map(|name| (name.to_owned(), before.remove(name).unwrap_or_default())));
     }
 
-    /// A projector showed a frame that was rendered.
-    pub fn rendered(&self, name: &str, report: &ProjectorReport, frame: u64, revision: u64, missed: u64) {
-        if let Some(stats) = self.lock().get_mut(name) {
-            stats.frames += 1;
-            stats.missed += missed;
-            stats.frame = frame;
-            stats.revision = revision;
-            stats.pose_to_submit_ms = report.pose_to_submit_ms;
-            // A stage that had nothing to do in this frame took no time in it.
-            stats.stages_ms.values_mut().for_each(|ms| *ms = 0.0);
-            for (stage, ms) in &report.stages_ms {
-                stats.stages_ms.insert((*stage).to_owned(), *ms);
+    /// All projectors show a frame: of one moment to whoever asks. `missed` is by how many refreshes it came too late.
+    pub fn rendered(&self, reports: &[(&str, &ProjectorReport)], frame: u64, revision: u64, missed: u64) {
+        let mut all = self.lock();
+        all.values_mut().for_each(|stats| stats.revision = revision);
+        for (name, report) in reports {
+            if let Some(stats) = all.get_mut(*name) {
+                stats.rendered(report, frame, missed);
             }
-            stats.times.saturating_record(((report.frame_ms * 1e3) as u64).clamp(1, LONGEST_US));
         }
     }
 
-    /// A projector shows `revision` with the picture that it had.
-    pub fn unchanged(&self, name: &str, revision: u64, counts_as_shown: bool) {
-        if let Some(stats) = self.lock().get_mut(name) {
+    /// All projectors show `revision` with the pictures that they had.
+    pub fn unchanged(&self, revision: u64, counts_as_shown: bool) {
+        for stats in self.lock().values_mut() {
             stats.revision = revision;
             stats.frames += u64::from(counts_as_shown);
         }
