@@ -100,4 +100,18 @@ mod tests {
         assert_eq!((glass.gpu.ior, glass.gpu.thickness), (1.5, 0.5));
         assert_eq!(scene.lights.len(), demo.scene.lights.len());
     }
+
+    #[test]
+    fn the_scene_of_every_example_loads() {
+        let folder = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/examples"));
+        let mut count = 0;
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let example = config::Config::load(&entry.unwrap().path()).unwrap();
+            let limits = (&example.limits).into();
+            let editor = crate::Editor::from_config(&example.scene, &example.base_dir, limits, vec![]).unwrap();
+            assert!(!editor.current().instances.is_empty());
+            count += 1;
+        }
+        assert!(count >= 2);
+    }
 }
