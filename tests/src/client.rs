@@ -148,6 +148,16 @@ impl Client {
         Ok((head["format"].as_str().unwrap_or_default().to_owned(), bytes))
     }
 
+    /// Passes over what follows a snapshot's line.
+    ///
+    /// # Errors
+    /// Where the connection ends before that.
+    pub fn skip(&mut self, bytes: u64) -> Result<()> {
+        let read = std::io::copy(&mut self.stream.by_ref().take(bytes), &mut std::io::sink()).context("reading")?;
+        ensure!(read == bytes, "{read} of {bytes} bytes came");
+        Ok(())
+    }
+
     /// A layer that is an EXR.
     ///
     /// # Errors

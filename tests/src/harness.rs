@@ -60,7 +60,11 @@ pub fn run(name: &str, arguments: &[&str]) -> Result<Output> {
     command(name)?.args(arguments).output().with_context(|| format!("running {name}"))
 }
 
-fn command(name: &str) -> Result<Command> {
+/// One of our programs, not started yet: its standard input is empty, and nothing around it names a socket.
+///
+/// # Errors
+/// Where it cannot be built.
+pub fn command(name: &str) -> Result<Command> {
     let mut command = Command::new(program(name)?);
     command.env_remove("LANTERN_SOCKET").env("LANTERN_VALIDATION", "1").env("NO_COLOR", "1").stdin(Stdio::null());
     Ok(command)

@@ -4,5 +4,6 @@ pub mod client;
 pub mod gpu;
 pub mod harness;
 pub mod image;
+pub mod lab;
 pub mod oracle;
 pub mod stage;

@@ -134,10 +134,10 @@ impl Editor {
         self.apply_as(edits, Access::Stored(&roots))
     }
 
-    /// Counts on from the revision that a stored scene had, so that numbers never go back when a daemon restarts.
+    /// Gives what was restored the number that it had, so that numbers never go back when a daemon restarts.
     pub fn continue_after(&mut self, revision: u64) {
         let scene = Scene::clone(&self.current);
-        self.current = Arc::new(Scene { revision: revision.max(scene.revision) + 1, ..scene });
+        self.current = Arc::new(Scene { revision: revision.max(scene.revision), ..scene });
     }
 
     /// Makes an earlier revision the newest again, under a number beyond those of the revisions since; `published` may be
