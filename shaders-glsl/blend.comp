@@ -1,7 +1,9 @@
-// This projector's share of the light at the point that each pixel shows: its weight over the sum of all that light the point.
+// This projector's share of the light at the point that each pixel shows: its weight over the sum of all that light the point. One
+// dispatch a projector adds that projector's part, since each has a map of occlusion edges of its own.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
+#define OCCLUSION_EDGES
 #include "include/frame.glsl"
 #include "include/primary_hit.glsl"
 #include "include/weight.glsl"
@@ -9,7 +11,12 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(std430, binding = 16) readonly buffer Closest { uvec4 closest[]; };
-layout(std430, binding = 19) writeonly buffer Weight { float weight[]; };
+
+// The sum of all shares over this projector's own: the reciprocal of its weight; +inf where there is nothing to light.
+layout(std430, binding = 19) buffer Weight { float inverse_weight[]; };
+
+// This projector's own occlusion edges.
+layout(std430, binding = 30) readonly buffer Edge { float edge_px[]; };
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
@@ -18,28 +25,23 @@ void main() {
     }
     uint index = pixel_index(pixel);
     uvec4 nearest = closest[index];
-    if (isinf(uintBitsToFloat(nearest.x))) {
-        weight[index] = 0.0;
+    bool missed = isinf(uintBitsToFloat(nearest.x));
+
+    // Its own part comes first, and is 1.
+    if (push.projector == frame.projector_index) {
+        inverse_weight[index] = missed ? uintBitsToFloat(0x7f800000u) : 1.0;
         return;
     }
-    if (frame.blend == 0u || frame.projector_count < 2u) {
-        weight[index] = 1.0;
+    if (missed) {
         return;
     }
     bool inside;
     Surface s = lit_surface(sample_ray(pixel, nearest.y), nearest.zw, inside);
 
     // That this projector sees the point needs no ray: its primary ray has found it.
-    float mine = share_of(frame.projector_index, s.position, s.normal_geometric, false);
-    float sum = mine;
-    uint i = frame.projector_index == 0u ? 1u : 0u;
-    while (true) {
-        sum += share_of(i, s.position, s.normal_geometric, true);
-        i += i + 1u == frame.projector_index ? 2u : 1u;
-        if (i >= frame.projector_count) {
-            break;
-        }
-    }
-    weight[index] = sum > 0.0 ? mine / sum : 1.0;
-    publish_counts(0u, frame.projector_count - 1u);
+    float mine = share_of(frame.projector_index, s.position, s.normal_geometric, false) * edge_fade(edge_px[index]);
+    float other = share_of(push.projector, s.position, s.normal_geometric, true);
+    other *= edge_fade(edge_at(push.projector, s.position));
+    inverse_weight[index] += other / max(mine, 1e-30);
+    publish_counts(0u, 1u);
 }

@@ -9,7 +9,7 @@
 
 layout(push_constant) uniform Push {
     uint sample_index; // which plane
-    uint projector;    // of the room view: whose light
+    uint projector;    // of blending and of the room view: whose light
 } push;
 
 uint pixel_index(uvec2 pixel) {

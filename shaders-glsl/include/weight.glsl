@@ -5,6 +5,7 @@
 #include "traverse.glsl"
 #include "surface.glsl"
 #include "primary_ray.glsl"
+#include "edge.glsl"
 
 layout(std430, binding = 13) readonly buffer Projectors { GpuFrustum projectors[]; };
 
@@ -42,5 +43,32 @@ float share_of(uint projector, vec3 p, vec3 n, const bool check_visibility) {
     }
     return cosine / (distance_m * distance_m) * max(fade, LEAST_FADE);
 }
+
+// How a projector fades toward its occlusion edges.
+float edge_fade(float edge_px) {
+    return max(smoothstep(0.0, 1.0, edge_px / EDGE_REACH_PX), LEAST_FADE);
+}
+
+#ifdef OCCLUSION_EDGES
+// The occlusion edges of the projector whose part is added.
+layout(std430, binding = 31) readonly buffer OtherEdge { float other_edge_px[]; };
+
+float edge_texel(ivec2 at, ivec2 size) {
+    at = clamp(at, ivec2(0), size - 1);
+    return other_edge_px[at.y * size.x + at.x];
+}
+
+// Its distance to an occlusion edge at a point, px, bilinear.
+float edge_at(uint projector, vec3 p) {
+    GpuFrustum f = projectors[projector];
+    float clip_w;
+    vec2 at = project_px(f, p, clip_w) - 0.5;
+    ivec2 base = ivec2(floor(clamp(at, vec2(-1.0), f.resolution_px)));
+    ivec2 size = ivec2(f.resolution_px);
+    vec2 t = clamp(at - vec2(base), vec2(0.0), vec2(1.0));
+    return mix(mix(edge_texel(base, size), edge_texel(base + ivec2(1, 0), size), t.x),
+               mix(edge_texel(base + ivec2(0, 1), size), edge_texel(base + ivec2(1, 1), size), t.x), t.y);
+}
+#endif
 
 #endif

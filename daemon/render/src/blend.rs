@@ -1,15 +1,27 @@
 //! Blend weights: this projector's share of the light at the point that each pixel shows.
 //!
-//! Reads `Closest` and every projector's frustum; writes `Weight`. DESIGN section 2, Light from many projectors.
+//! Reads `Closest`, and every projector's frustum and `Edge`; writes `Weight`. DESIGN section 2, Light from many projectors.
 
 use lantern_gpu::{GpuError, Recorder};
 
 use crate::projector::Bound;
 use crate::targets::Targets;
 
-/// Records the pass.
-pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
+/// Records the pass: its own part first, then every other projector's, where `blend` asks for them.
+pub(crate) fn record(
+    recorder: &mut Recorder,
+    bound: &Bound,
+    targets: &Targets,
+    own: usize,
+    blend: bool,
+) -> Result<(), GpuError> {
     recorder.span("blend", |recorder| {
-        recorder.dispatch(&bound.pipelines.blend, &bound.blend, &[], targets.groups())
+        let others = (0..bound.blend.len()).filter(|index| blend && *index != own);
+        for index in std::iter::once(own).chain(others) {
+            let push = [0, index as u32];
+            let bindings = &bound.blend[index];
+            recorder.dispatch(&bound.pipelines.blend, bindings, bytemuck::bytes_of(&push), targets.groups())?;
+        }
+        Ok(())
     })
 }

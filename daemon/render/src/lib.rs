@@ -20,6 +20,7 @@ mod targets;
 
 pub mod blend;
 pub mod composite;
+pub mod edges;
 pub mod light;
 pub mod primary;
 pub mod projector;

@@ -14,7 +14,7 @@ use crate::raster::RasterNode;
 use crate::renderer::{ProjectorSpec, RasterOrder, Settings};
 use crate::stale::Stale;
 use crate::targets::Targets;
-use crate::{RenderError, blend, composite, light, primary, raster, resolve, secondary, shaders};
+use crate::{RenderError, blend, composite, edges, light, primary, raster, resolve, secondary, shaders};
 
 /// What the passes over one sample plane bind.
 pub(crate) struct Plane {
@@ -27,14 +27,21 @@ pub(crate) struct Plane {
 pub(crate) struct Bound {
     pub(crate) pipelines: Arc<Pipelines>,
     planes: Vec<Plane>,
-    pub(crate) blend: Arc<Bindings>,
+    pub(crate) edges: Arc<Bindings>,
+    /// One a projector, itself included.
+    pub(crate) blend: Vec<Arc<Bindings>>,
     pub(crate) composite: Arc<Bindings>,
     pub(crate) raster: Arc<Bindings>,
     pub(crate) resolve: Arc<Bindings>,
 }
 
 impl Bound {
-    fn new(pipelines: &Arc<Pipelines>, targets: &Targets, scene: &Catalogue) -> Result<Self, GpuError> {
+    fn new(
+        pipelines: &Arc<Pipelines>,
+        targets: &Targets,
+        scene: &Catalogue,
+        edges: &[Arc<Buffer>],
+    ) -> Result<Self, GpuError> {
         let all = targets.list(scene.clone());
         let plane = |(hits, live): (&Arc<Buffer>, &Arc<Buffer>)| {
             let all = all.clone().with_buffer("Hits", hits).with_buffer("Live", live);
@@ -44,9 +51,13 @@ impl Bound {
                 secondary: all.bind(&*pipelines.secondary, &[&shaders::SECONDARY_COMP])?,
             })
         };
+        let blend = |other: &Arc<Buffer>| {
+            all.clone().with_buffer("OtherEdge", other).bind(&*pipelines.blend, &[&shaders::BLEND_COMP])
+        };
         Ok(Self {
             planes: targets.hits.iter().zip(&targets.live).map(plane).collect::<Result<_, _>>()?,
-            blend: all.bind(&*pipelines.blend, &[&shaders::BLEND_COMP])?,
+            edges: all.bind(&*pipelines.edges, &[&shaders::EDGES_COMP])?,
+            blend: edges.iter().map(blend).collect::<Result<_, _>>()?,
             composite: all.bind(&*pipelines.composite_first, &[&shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG])?,
             raster: all.bind(&*pipelines.raster, &[&shaders::RASTER_VERT, &shaders::RASTER_FRAG])?,
             resolve: all.bind(&*pipelines.resolve, &[&shaders::RESOLVE_COMP])?,
@@ -116,34 +127,54 @@ impl Projector {
         scene: &Scene,
         catalogue: &Catalogue,
         pipelines: &Arc<Pipelines>,
+        edges: &[Arc<Buffer>],
         rebound: bool,
     ) -> Result<(), GpuError> {
         self.raster_nodes = raster::nodes(scene);
         if rebound || self.bound.is_none() {
-            self.bound = Some(Bound::new(pipelines, &self.targets, catalogue)?);
+            self.bound = Some(Bound::new(pipelines, &self.targets, catalogue, edges)?);
         }
         Ok(())
     }
 
-    /// Records what is stale, in the order in which each pass reads the last one's buffers.
-    pub(crate) fn record(&mut self, device: &Arc<Device>, settings: &Settings) -> Result<Option<Commands>, GpuError> {
-        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.any()) else { return Ok(None) };
+    /// Records what is stale and needs nothing of another projector's: what each pixel lands on, and where its light ends.
+    pub(crate) fn record_seen(&mut self, device: &Arc<Device>, settings: &Settings) -> Result<Option<Commands>, GpuError> {
+        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.primary) else { return Ok(None) };
         let mut recorder = Recorder::new(device, self.queue, &self.spec.name)?;
         if !self.state_written {
             let words = sample_state(&self.spec.name, settings.samples);
             recorder.upload(&self.targets.sample_state, 0, bytemuck::cast_slice(&words))?;
         }
         recorder.fill(&self.targets.counters, 0)?;
-        let passes: [(bool, fn(&mut Recorder, &Bound, &Targets) -> Result<(), GpuError>); 4] = [
-            (self.stale.primary, primary::record),
-            (self.stale.light, light::record),
-            (self.stale.weight, blend::record),
-            (self.stale.look, secondary::record),
-        ];
-        for (stale, record) in passes {
-            if stale {
-                record(&mut recorder, bound, &self.targets)?;
-            }
+        primary::record(&mut recorder, bound, &self.targets)?;
+        if settings.blend {
+            edges::record(&mut recorder, bound, &self.targets)?;
+        }
+        recorder.finish().map(Some)
+    }
+
+    /// Records the rest of what is stale, in the order in which each pass reads the last one's buffers. Every projector's
+    /// [`Projector::record_seen`] comes before any of these, since weights read the others' occlusion edges.
+    pub(crate) fn record_shown(
+        &mut self,
+        device: &Arc<Device>,
+        settings: &Settings,
+        index: usize,
+    ) -> Result<Option<Commands>, GpuError> {
+        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.any()) else { return Ok(None) };
+        let (stale, targets) = (self.stale, &self.targets);
+        let mut recorder = Recorder::new(device, self.queue, &self.spec.name)?;
+        if !stale.primary {
+            recorder.fill(&targets.counters, 0)?;
+        }
+        if stale.light {
+            light::record(&mut recorder, bound, targets)?;
+        }
+        if stale.weight {
+            blend::record(&mut recorder, bound, targets, index, settings.blend)?;
+        }
+        if stale.look {
+            secondary::record(&mut recorder, bound, targets)?;
         }
         recorder.span("composite", |recorder| self.record_composite(recorder, bound, settings))?;
         recorder.finish().map(Some)

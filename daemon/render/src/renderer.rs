@@ -219,35 +219,47 @@ impl Renderer {
         let uploaded = self.upload().inspect_err(|_| self.scene_buffers.forget())?;
 
         // Everything is recorded before the pose is read, so that nothing but a small write lies between the two.
+        let (device, settings) = (&self.device, &self.settings);
+        let mut seen = Vec::new();
+        for projector in &mut self.projectors {
+            seen.push(projector.record_seen(device, settings)?);
+        }
         let mut recorded = Vec::new();
-        for (index, projector) in self.projectors.iter_mut().enumerate() {
-            if let Some(commands) = projector.record(&self.device, &self.settings)? {
-                recorded.push((index, commands));
+        for (index, (projector, seen)) in self.projectors.iter_mut().zip(seen).enumerate() {
+            if let Some(shown) = projector.record_shown(device, settings, index)? {
+                recorded.push((index, seen, shown));
             }
         }
         let count = self.projectors.len();
         let read = Instant::now();
         let viewers = newest_viewers();
-        for (index, _) in &recorded {
+        for (index, ..) in &recorded {
             self.projectors[*index].write_frame(&self.scene, &viewers, &self.settings, (*index, count))?;
         }
+        let wait_for: Vec<&Submission> = uploaded.iter().collect();
         let mut flying = Vec::new();
-        for (index, commands) in recorded {
-            let wait_for: Vec<&Submission> = uploaded.iter().collect();
+        for (index, seen, shown) in recorded {
             let submitted = Instant::now();
-            let submission = self.device.submit(commands, &wait_for)?;
-            flying.push((index, submission, submitted, submitted.duration_since(read)));
+            let seen = seen.map(|seen| self.device.submit(seen, &wait_for)).transpose()?;
+            flying.push((index, seen, shown, submitted));
+        }
+        let mut landing = Vec::new();
+        for (index, seen, shown, submitted) in flying {
+            let shown = self.device.submit(shown, &wait_for)?;
+            landing.push((index, seen, shown, submitted, submitted.duration_since(read)));
         }
 
         // The frame is whole when the last projector's part of it is.
         let mut reports = Vec::new();
-        for (index, submission, submitted, pose_to_submit) in flying {
-            submission.wait(HUNG_AFTER)?;
+        for (index, seen, shown, submitted, pose_to_submit) in landing {
+            shown.wait(HUNG_AFTER)?;
             let frame_ms = submitted.elapsed().as_secs_f64() * 1e3;
             reports.push(ProjectorReport {
                 projector: index,
                 frame_ms,
-                stages_ms: submission.spans().into_iter().map(|(name, start, end)| (name, end - start)).collect(),
+                stages_ms: (seen.iter().chain([&shown]).flat_map(Submission::spans))
+                    .map(|(name, start, end)| (name, end - start))
+                    .collect(),
                 pose_to_submit_ms: pose_to_submit.as_secs_f64() * 1e3,
                 stale: self.projectors[index].stale,
                 rays: None,
@@ -277,8 +289,9 @@ impl Renderer {
             self.frusta_written = true;
         }
         let (catalogue, pipelines) = (self.catalogue(), self.pipelines()?);
+        let edges: Vec<_> = self.projectors.iter().map(|p| p.targets.edge.clone()).collect();
         for projector in &mut self.projectors {
-            projector.take(&self.scene, &catalogue, &pipelines, self.rebind)?;
+            projector.take(&self.scene, &catalogue, &pipelines, &edges, self.rebind)?;
         }
         self.rebind = false;
         Ok(submission)

@@ -82,18 +82,27 @@ fn props_bounds(scene: &Scene) -> (DVec3, DVec3) {
     boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((DVec3::splat(-1.0), DVec3::splat(1.0)))
 }
 
-/// A camera at `eye` that looks at the middle of a box and sees most of it.
+/// A camera at `eye` that looks at the middle of a box and sees all of it.
 fn look_at(eye: DVec3, low: DVec3, high: DVec3, size_px: [u32; 2]) -> Result<Calibration, CalibrationError> {
     let middle = (low + high) * 0.5;
     let radius = (high - low).length() * 0.5;
     let distance = (eye - middle).length().max(1e-3);
     let forward = (middle - eye).normalize_or(DVec3::NEG_Z);
     let up = if forward.y.abs() > 0.999 { DVec3::NEG_Z } else { DVec3::Y };
-    let half_angle = (radius / distance).clamp(0.02, 0.999).asin().clamp(0.05, 0.6);
-    let aspect = f64::from(size_px[0]) / f64::from(size_px[1]);
-    let near = (distance - radius).max(distance * 0.02);
-    let clip_from_eye = proj::opengl::perspective(2.0 * half_angle, aspect, near, distance + radius * 2.0);
     let eye_from_world = view::look_to_mat4(eye, forward, up);
+
+    // The smallest field of view that holds the corners in front of the eye; an eye among the props gets a wide one.
+    let aspect = f64::from(size_px[0]) / f64::from(size_px[1]);
+    let mut tangent = 0.02_f64;
+    for corner in 0..8 {
+        let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        let at = eye_from_world.transform_point3(DVec3::new(pick(0), pick(1), pick(2)));
+        let ahead = (-at.z).max(1e-6);
+        tangent = tangent.max(at.y.abs() / ahead).max(at.x.abs() / ahead / aspect);
+    }
+    let vertical_fov = 2.0 * tangent.min(1.2).atan();
+    let near = (distance - radius).max(distance * 0.02);
+    let clip_from_eye = proj::opengl::perspective(vertical_fov, aspect, near, distance + radius * 2.0);
     let rows = |m: DMat4| m.transpose().to_cols_array_2d();
     Calibration::from_matrices(&rows(clip_from_eye), &rows(eye_from_world), Convention::OpenGl, UVec2::from(size_px))
 }

@@ -7,7 +7,7 @@ use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Image, ImageFormat, Imag
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
 
-/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 108.
+/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 112.
 pub(crate) struct Targets {
     /// Columns and rows.
     pub(crate) size_px: [u32; 2],
@@ -25,7 +25,9 @@ pub(crate) struct Targets {
     pub(crate) light: Arc<Buffer>,
     /// What the eye adds.
     pub(crate) look: Arc<Buffer>,
-    /// Blend weight.
+    /// Distance to the nearest occlusion edge, px.
+    pub(crate) edge: Arc<Buffer>,
+    /// Reciprocal of the blend weight.
     pub(crate) weight: Arc<Buffer>,
     /// Attachments of the composite and raster passes.
     pub(crate) radiance_image: Arc<Image>,
@@ -65,6 +67,7 @@ impl Targets {
             closest: storage("closest", pixels * 16)?,
             light: storage("light", pixels * 16)?,
             look: storage("look", pixels * 16)?,
+            edge: storage("edge", pixels * 4)?,
             weight: storage("weight", pixels * 4)?,
             radiance_image: image("radiance", ImageFormat::Rgba32Float, color_usage)?,
             node_image: image("node", ImageFormat::R32Float, color_usage)?,
@@ -84,12 +87,15 @@ impl Targets {
             .with_buffer("Closest", &self.closest)
             .with_buffer("Light", &self.light)
             .with_buffer("Look", &self.look)
+            .with_buffer("Edge", &self.edge)
             .with_buffer("Weight", &self.weight)
             .with_image("radiance_image", &self.radiance_image)
             .with_image("node_image", &self.node_image)
             .with_image("depth_image", &self.depth_image)
             .with_buffer("Shown", &self.shown)
             .with_buffer("DepthAndNode", &self.depth_and_node)
+            // Written at the end of every frame in which edges are measured, so they may use it until then.
+            .with_buffer("EdgeScratch", &self.depth_and_node)
             .with_buffer("Color", &self.color)
             .with_buffer("Counters", &self.counters)
     }

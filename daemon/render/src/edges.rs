@@ -1,0 +1,21 @@
+//! Occlusion edges: how far each pixel is from where this projector's light ends behind something nearer.
+//!
+//! Reads `Closest`; writes `Edge`, which the blend pass of every projector reads. DESIGN section 2, Light from many projectors.
+
+use lantern_gpu::{GpuError, Recorder};
+
+use crate::projector::Bound;
+use crate::targets::Targets;
+
+/// Marking, rows, columns.
+const PASSES: u32 = 3;
+
+/// Records the pass.
+pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
+    recorder.span("edges", |recorder| {
+        for pass in 0..PASSES {
+            recorder.dispatch(&bound.pipelines.edges, &bound.edges, bytemuck::bytes_of(&pass), targets.groups())?;
+        }
+        Ok(())
+    })
+}
