@@ -1,6 +1,6 @@
 //! `lanternd bench`: times stages as CONTRACT, Bench, says.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,6 +13,7 @@ use lantern_render::{ProjectorReport, RayCounts, Renderer, Settings};
 use lantern_scene::Editor;
 use serde_json::{Value, json};
 
+use super::progress::Progress;
 use crate::service::setup::{self, Loaded};
 use crate::service::vulkan::{open_device, open_vulkan};
 
@@ -75,11 +76,13 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
     // Rays are counted in a run of their own: counting costs time.
     let mut cases = BTreeMap::new();
     let mut gpu_bytes = 0;
+    let progress = Progress::new(2 * Case::ALL.len() as u64);
     for counting in [true, false] {
         let settings = Settings { count_rays: counting, ..settings };
         let mut renderer = Renderer::new(&device, loaded.projectors.clone(), settings, loaded.editor.current())?;
         for case in Case::ALL {
             let frames = if counting { 1 } else { frames };
+            progress.step(&format!("{}: {}", case.name(), if counting { "counting rays" } else { "timing" }));
             let times = run_case(&mut renderer, &mut loaded.editor, case, frames)?;
             let kept = cases.entry(case.name()).or_insert_with(BTreeMap::new);
             for (projector, mut t) in times {
@@ -91,6 +94,7 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
         }
         gpu_bytes = device.allocated_bytes();
     }
+    progress.finish();
     let done = Done { device: &device, loaded: &loaded, settings: &settings, cases: &cases, frames, gpu_bytes };
     if as_json {
         println!("{}", serde_json::to_string_pretty(&to_json(&done))?);
@@ -194,8 +198,13 @@ struct Done<'a> {
 fn to_json(done: &Done<'_>) -> Value {
     let Done { device, loaded, settings, cases, frames, gpu_bytes } = *done;
     let percentiles = |h: &Histogram<u64>| json!({ "p50": ms(h, 0.5), "p95": ms(h, 0.95) });
+    // A stage that a case leaves out took no time in it.
+    let stages: BTreeSet<&str> =
+        cases.values().flat_map(|case| case.values()).flat_map(|t| t.stages.keys().copied()).collect();
+    let nothing = json!({ "p50": 0.0, "p95": 0.0 });
     let of_projector = |times: &Times| {
-        let stages: BTreeMap<_, _> = times.stages.iter().map(|(s, h)| (*s, percentiles(h))).collect();
+        let of_stage = |stage| times.stages.get(stage).map_or_else(|| nothing.clone(), percentiles);
+        let stages: BTreeMap<_, _> = stages.iter().map(|stage| (*stage, of_stage(*stage))).collect();
         let rays: BTreeMap<_, _> = kinds(&times.rays).into_iter().map(|(k, n, _)| (k, n)).collect();
         let speed: BTreeMap<_, _> =
             kinds(&times.rays).into_iter().filter_map(|(k, n, s)| Some((k, mray_s(times, n, s)?))).collect();

@@ -7,10 +7,10 @@ use std::time::Instant;
 
 use anyhow::Context;
 use glam::DVec3;
-use indicatif::{ProgressBar, ProgressStyle};
 use lantern_config::Config;
 use lantern_render::{Layer, LayerImage, Renderer};
 
+use super::progress::Progress;
 use crate::encode::{self, srgb8};
 use crate::service::setup;
 use crate::service::vulkan::{open_device, open_vulkan};
@@ -19,11 +19,8 @@ use crate::service::vulkan::{open_device, open_vulkan};
 pub const CONFIG: &str = include_str!("../../../config/demo.toml");
 
 /// Where the three viewers stand, m: to the left, before and to the right of the table.
-const EYES: [(&str, DVec3); 3] = [
-    ("left", DVec3::new(-1.7, 1.25, 1.5)),
-    ("middle", DVec3::new(0.0, 1.6, 2.2)),
-    ("right", DVec3::new(1.7, 0.95, 1.3)),
-];
+const EYES: [(&str, DVec3); 3] =
+    [("left", DVec3::new(-1.2, 1.5, 1.9)), ("middle", DVec3::new(0.0, 1.6, 2.2)), ("right", DVec3::new(1.2, 1.2, 1.9))];
 
 /// Parses the embedded configuration.
 ///
@@ -44,12 +41,8 @@ pub fn demo(out: &Path, frames: u32) -> anyhow::Result<()> {
     let device = open_device(&open_vulkan()?, &config)?;
     println!("device: {} ({})", device.info().name, device.info().driver_info);
 
-    let progress = ProgressBar::new(3 + EYES.len() as u64 * 4 + u64::from(frames));
-    progress.set_style(ProgressStyle::with_template("{bar:30} {pos:>3}/{len} {msg}")?);
-    let step = |what: &str| {
-        progress.set_message(what.to_owned());
-        progress.inc(1);
-    };
+    let progress = Progress::new(3 + EYES.len() as u64 * 4 + u64::from(frames));
+    let step = |what: &str| progress.step(what);
     step("scene: tessellating, building structures");
     let loaded = setup::from_config(config, "config/demo.toml")?;
     let settings = setup::settings(&loaded.config);
@@ -90,7 +83,7 @@ pub fn demo(out: &Path, frames: u32) -> anyhow::Result<()> {
 
     // How fast: the eye walks, and nothing else changes.
     let walk = walk(&mut renderer, frames, || step("the eye walks"))?;
-    progress.finish_and_clear();
+    progress.finish();
 
     println!("wrote:");
     for path in &written {

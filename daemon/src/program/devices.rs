@@ -1,10 +1,13 @@
 //! `lanternd devices`: Vulkan devices, drivers, queues, displays, and what each can do.
 
-use comfy_table::{Table, presets};
+use comfy_table::{ContentArrangement, Table, presets};
 use lantern_gpu::DeviceInfo;
 use serde_json::{Value, json};
 
 use crate::service::vulkan::open_vulkan;
+
+/// Columns of the table.
+const WIDTH: u16 = 110;
 
 /// Prints them.
 ///
@@ -53,6 +56,8 @@ fn to_json(device: &DeviceInfo) -> Value {
 fn to_text(device: &DeviceInfo) -> String {
     let mut table = Table::new();
     table.load_style(presets::UTF8_BORDERS_ONLY);
+    table.set_content_arrangement(ContentArrangement::Dynamic);
+    table.set_width(WIDTH);
     table.set_header([format!("{}: {}", device.index, device.name), device.kind.to_owned()]);
     let mut row = |name: &str, value: String| {
         table.add_row([name.to_owned(), value]);
