@@ -4,6 +4,7 @@
 //! A block whose fence says `toml` is good and one whose fence says `toml bad` is not; the `text` block after that one is
 //! everything that is said of it. Fragments become a whole with [`PROJECTOR`], the one thing that no configuration is
 //! without.
+#![expect(clippy::unwrap_used, reason = "helpers of tests, where a failure is a failed test")]
 
 use lantern_config::Config;
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,4 +1,5 @@
 //! `docs/protocol.md` against the types: what it shows is what travels.
+#![expect(clippy::unwrap_used, reason = "helpers of tests, where a failure is a failed test")]
 
 use lantern_proto::request::SceneApply;
 use lantern_proto::{

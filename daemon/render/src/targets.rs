@@ -7,7 +7,7 @@ use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Image, ImageFormat, Imag
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
 
-/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 112.
+/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 108.
 pub(crate) struct Targets {
     /// Columns and rows.
     pub(crate) size_px: [u32; 2],
