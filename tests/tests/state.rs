@@ -1,0 +1,140 @@
+//! One daemon a socket, and what is there again after `kill -9`.
+#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
+
+use std::{fs, os::unix::fs::PermissionsExt, sync::Arc, time::Duration};
+
+use lantern_tests::{
+    harness::{self, Daemon},
+    lab,
+};
+use rustix::process::Signal;
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+const SOON: Duration = Duration::from_secs(30);
+
+fn folder() -> (Arc<TempDir>, String) {
+    let folder = Arc::new(tempfile::tempdir().unwrap());
+    let state = folder.path().join("state");
+    (folder, lab::room_with(&format!("[daemon]\nstate_dir = {:?}\n", state.to_str().unwrap())))
+}
+
+fn kill(daemon: &mut Daemon) {
+    daemon.signal(Signal::KILL).unwrap();
+    assert!(!daemon.wait(SOON).unwrap().success());
+    assert!(daemon.socket().exists(), "a killed daemon leaves its socket file");
+}
+
+#[test]
+fn a_second_daemon_is_refused_and_a_dead_one_replaced() {
+    let folder = Arc::new(tempfile::tempdir().unwrap());
+    let mut first = Daemon::start_in(&folder, &lab::room()).unwrap();
+    assert_eq!(fs::metadata(first.socket()).unwrap().permissions().mode() & 0o777, 0o660);
+    let (config, socket) = (folder.path().join("lantern.toml"), first.socket().to_str().unwrap());
+    let second = harness::run("lanternd", &["run", "-c", config.to_str().unwrap(), "--socket", socket]).unwrap();
+    let said = String::from_utf8(second.stderr).unwrap();
+    assert_eq!(second.status.code(), Some(1), "{said}");
+    assert!(said.contains("another lanternd") && said.contains(socket) && said.contains("hint:"), "{said}");
+    first.client().unwrap().apply(json!([lab::mirror()])).unwrap();
+
+    kill(&mut first);
+    let mut third = Daemon::start_in(&folder, &lab::room()).unwrap();
+    // Without a state_dir nothing was kept.
+    let applied = third.client().unwrap().ask_ok("scene.get", json!({})).unwrap();
+    assert!(!applied.to_string().contains("metallic"), "{applied}");
+    assert!(third.stop().unwrap().success());
+    assert!(!third.socket().exists(), "a daemon takes its socket file with it");
+}
+
+#[test]
+fn what_was_acknowledged_survives_a_kill() {
+    let (folder, config) = folder();
+    let mut daemon = Daemon::start_in(&folder, &config).unwrap();
+    let mut client = daemon.client().unwrap();
+    for x in [0.1, 0.2] {
+        client.apply(json!([{"set": {"node": "ball", "translation_m": [x, 0.4, 0]}}])).unwrap();
+    }
+    let kept = client
+        .ask_ok("scene.apply", json!({"edits": [lab::mirror(), {"add": {"node": "box", "uri": "lantern:cube"}}]}));
+    let kept = kept.unwrap();
+    assert_eq!(kept["durable"], true);
+    let before = (client.ask_ok("scene.get", json!({})).unwrap(), client.snapshot("left", "color").unwrap());
+    kill(&mut daemon);
+
+    let mut daemon = Daemon::start_in(&folder, &config).unwrap();
+    let mut client = daemon.client().unwrap();
+    assert_eq!(client.ask_ok("scene.get", json!({})).unwrap(), before.0, "another scene is back");
+    assert!(client.snapshot("left", "color").unwrap() == before.1, "another picture is back");
+    assert_eq!(client.status().unwrap()["scene"]["revision"], kept["revision"]);
+
+    // Numbers go on from there, and what was not asked to last does not.
+    let next = client.apply(json!([{"remove": {"node": "box"}}])).unwrap();
+    assert!(next["revision"].as_u64() > kept["revision"].as_u64(), "{next} after {kept}");
+    assert_eq!(next["durable"], false);
+    kill(&mut daemon);
+    let daemon = Daemon::start_in(&folder, &config).unwrap();
+    assert_eq!(daemon.client().unwrap().ask_ok("scene.get", json!({})).unwrap(), before.0);
+}
+
+#[test]
+fn a_state_of_another_scene_or_a_broken_one_is_set_aside() {
+    let (folder, config) = folder();
+    let state = folder.path().join("state");
+    let mut daemon = Daemon::start_in(&folder, &config).unwrap();
+    let mut client = daemon.client().unwrap();
+    let fresh = client.ask_ok("scene.get", json!({})).unwrap()["edits"].clone();
+    client.ask_ok("scene.apply", json!({"edits": [lab::mirror()]})).unwrap();
+    kill(&mut daemon);
+    let kept = fs::read(state.join("scene.json")).unwrap();
+
+    // The configuration's scene is another now: it is what the operator wants to see.
+    let changed = config.replace("\"#406080\"", "\"#102030\"");
+    let mut daemon = Daemon::start_in(&folder, &changed).unwrap();
+    let told = daemon.client().unwrap().ask_ok("scene.get", json!({})).unwrap();
+    assert!(!told.to_string().contains("metallic"), "{told}");
+    assert!(daemon.log().contains("set aside"), "{}", daemon.log());
+    assert_eq!(fs::read(state.join("scene.json.aside")).unwrap(), kept, "set aside is not lost");
+    kill(&mut daemon);
+
+    // Broken in two ways: no JSON, and edits that cannot be shown.
+    let mut unshowable: Value = serde_json::from_slice(&kept).unwrap();
+    unshowable["edits"] = json!([{"add": {"node": "gone", "uri": "/nowhere/gone.glb"}}]);
+    for broken in [kept[..kept.len() / 2].to_vec(), unshowable.to_string().into_bytes()] {
+        fs::write(state.join("scene.json"), &broken).unwrap();
+        let mut daemon = Daemon::start_in(&folder, &config).unwrap();
+        assert_eq!(daemon.client().unwrap().ask_ok("scene.get", json!({})).unwrap()["edits"], fresh);
+        assert!(daemon.log().contains("set aside"), "{}", daemon.log());
+        assert_eq!(fs::read(state.join("scene.json.aside")).unwrap(), broken);
+        kill(&mut daemon);
+    }
+}
+
+#[test]
+fn what_cannot_be_kept_is_not_applied() {
+    let (folder, config) = folder();
+    let daemon = Daemon::start_in(&folder, &config).unwrap();
+    let mut client = daemon.client().unwrap();
+    let before =
+        (client.ask_ok("scene.get", json!({})).unwrap()["edits"].clone(), client.snapshot("left", "color").unwrap());
+    // A folder where the file should be: even root cannot write that.
+    fs::create_dir_all(folder.path().join("state/scene.json.new")).unwrap();
+    let refused = client.ask("scene.apply", json!({"edits": [lab::mirror()]})).unwrap().unwrap_err();
+    assert_eq!(refused.code, "not-durable");
+    assert!(refused.message.contains("scene.json.new") && refused.message.contains("hint:"), "{refused}");
+    assert_eq!(client.ask_ok("scene.get", json!({})).unwrap()["edits"], before.0);
+    assert!(client.snapshot("left", "color").unwrap() == before.1, "another picture is shown");
+    client.apply(json!([lab::mirror()])).unwrap();
+}
+
+#[test]
+fn a_state_dir_that_cannot_be_is_said_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("lab.toml");
+    fs::write(folder.path().join("plain"), "").unwrap();
+    fs::write(&file, lab::room_with("[daemon]\nstate_dir = \"plain/state\"\n")).unwrap();
+    let socket = folder.path().join("s");
+    let arguments = ["run", "-c", file.to_str().unwrap(), "--socket", socket.to_str().unwrap()];
+    let output = harness::run("lanternd", &arguments).unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && said.contains("plain/state") && said.contains("hint:"), "{said}");
+}
