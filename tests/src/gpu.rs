@@ -1,11 +1,15 @@
 //! The renderer, used as a library on a device that the validation layer watches.
 #![expect(clippy::expect_used, reason = "a test without its device, its frame or its layer has failed")]
 
-use std::sync::{Arc, OnceLock};
+use std::{
+    path::Path,
+    process::Command,
+    sync::{Arc, OnceLock},
+};
 
 use glam::DVec3;
 use lantern_calibration::{Calibration, Frustum};
-use lantern_gpu::{Device, Instance, Validation};
+use lantern_gpu::{Binding, Device, Instance, Shader, Stage, Validation};
 use lantern_render::{FrameReport, Layer, LayerImage, ProjectorSpec, Renderer, Settings, Texels};
 use lantern_scene::Scene;
 
@@ -121,4 +125,29 @@ pub fn float_image(layer: &LayerImage) -> FloatImage {
         Texels::Rgb(texels) => of(3, texels.concat()),
         Texels::Scalar(texels) => of(1, texels.clone()),
     }
+}
+
+/// Compiles a shader out of `tests/shaders`. Its table is written by hand, where the daemon's build script reflects it.
+///
+/// # Panics
+/// Where it does not compile, or there is no compiler.
+pub fn shader(file: &'static str, bindings: &'static [Binding], push_bytes: u32) -> &'static Shader {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(file);
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let target = folder.path().join("shader.spv");
+    let output = Command::new("glslangValidator")
+        .args(["-V", "--target-env", "vulkan1.2", "-o"])
+        .args([&target, &source])
+        .output()
+        .expect("the tests need glslangValidator; hint: apt install glslang-tools");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    let bytes = std::fs::read(&target).expect("the compiler's output");
+    let spirv: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
+    let stage = match file.rsplit('.').next() {
+        Some("vert") => Stage::Vertex,
+        Some("frag") => Stage::Fragment,
+        _ => Stage::Compute,
+    };
+    // Shaders are static in the program; a test leaks the few that it makes.
+    Box::leak(Box::new(Shader { name: file, stage, spirv: spirv.leak(), bindings, push_bytes, local_size: [1; 3] }))
 }
