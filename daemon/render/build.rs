@@ -2,6 +2,7 @@
 //!
 //! The compiler is `glslangValidator`, a package of a few hundred kilobytes that `packaging/` installs: the crates that
 //! build a compiler from source cost one to ten minutes of every clean build.
+#![expect(clippy::expect_used, reason = "a build script fails by panicking, and these say why it must not")]
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
@@ -52,7 +53,9 @@ fn compile(source: &Path, target: &Path) -> Vec<Word> {
         .arg(target)
         .arg(source)
         .output()
-        .unwrap_or_else(|e| panic!("cannot run glslangValidator: {e}\nhint: install the package glslang-tools, as packaging/demo does"));
+        .unwrap_or_else(|e| {
+            panic!("cannot run glslangValidator: {e}\nhint: install the package glslang-tools, as packaging/demo does")
+        });
     if !output.status.success() {
         panic!("{} does not compile:\n{}", source.display(), String::from_utf8_lossy(&output.stdout));
     }
@@ -104,7 +107,9 @@ impl<'a> Reflection<'a> {
             .annotations
             .iter()
             .filter_map(|i| match i.operands.as_slice() {
-                [Operand::IdRef(t), Operand::LiteralBit32(m), Operand::Decoration(d), rest @ ..] if *t == id && *d == wanted => {
+                [Operand::IdRef(t), Operand::LiteralBit32(m), Operand::Decoration(d), rest @ ..]
+                    if *t == id && *d == wanted =>
+                {
                     Some((*m, rest.first().map_or(0, literal)))
                 }
                 _ => None,
@@ -160,8 +165,12 @@ impl<'a> Reflection<'a> {
                     let (reads, writes) = (!all(Decoration::NonReadable), !all(Decoration::NonWritable));
                     Table { set, name: type_name(), kind: "StorageBuffer", reads, writes }
                 }
-                StorageClass::Uniform => Table { set, name: type_name(), kind: "UniformBuffer", reads: true, writes: false },
-                StorageClass::UniformConstant => Table { set, name: name(), kind: self.image_kind(ty), reads: true, writes: false },
+                StorageClass::Uniform => {
+                    Table { set, name: type_name(), kind: "UniformBuffer", reads: true, writes: false }
+                }
+                StorageClass::UniformConstant => {
+                    Table { set, name: name(), kind: self.image_kind(ty), reads: true, writes: false }
+                }
                 _ => continue,
             };
             found.insert(binding, table);
@@ -198,7 +207,8 @@ impl<'a> Reflection<'a> {
             Op::TypeVector => self.size_of(id_of(&declared.operands[0])) * literal(&declared.operands[1]),
             Op::TypeStruct => {
                 let offsets = self.member_decorations(ty, Decoration::Offset);
-                let ends = declared.operands.iter().enumerate().map(|(m, t)| offsets[&(m as u32)] + self.size_of(id_of(t)));
+                let ends =
+                    declared.operands.iter().enumerate().map(|(m, t)| offsets[&(m as u32)] + self.size_of(id_of(t)));
                 ends.max().unwrap_or(0)
             }
             other => panic!("push constants of type {other:?} are not handled"),
