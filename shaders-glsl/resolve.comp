@@ -4,6 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "include/frame.glsl"
+#include "include/pattern.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -43,6 +44,10 @@ void main() {
     depth_and_node[index] = at;
     if (push.pass + 1u == push.passes) {
         vec3 sent = clamp(mine.rgb * mine.a, vec3(0.0), vec3(1.0));
-        color[index] = packUnorm4x8(vec4(linear_to_srgb(sent.r), linear_to_srgb(sent.g), linear_to_srgb(sent.b), 1.0));
+        vec3 encoded = vec3(linear_to_srgb(sent.r), linear_to_srgb(sent.g), linear_to_srgb(sent.b));
+        if (frame.pattern != PATTERN_OFF) {
+            encoded = pattern_color(frame.pattern, ivec2(pixel), ivec2(size), frame.projector_index);
+        }
+        color[index] = packUnorm4x8(vec4(encoded, 1.0));
     }
 }

@@ -112,7 +112,6 @@ fn what_is_not_built_says_so() {
     let vertices = json!({"vertices": {"node": "a", "mesh": 0, "positions_m": [[0, 0, 0]]}});
     for (request, at) in [
         (json!({"id": 1, "op": "subscribe", "events": ["frame"]}), "op"),
-        (json!({"id": 2, "op": "pattern", "name": "grid"}), "op"),
         (json!({"id": 3, "op": "scene.apply", "edits": [{"remove": {"node": "a"}}, vertices]}), "edits[1].vertices"),
     ] {
         let reply = client.ask(&request);

@@ -3,7 +3,7 @@
 
 mod support;
 
-use lantern_proto::{Edit, Layer, Role};
+use lantern_proto::{Edit, Layer, Pattern, PatternRequest, Role};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -146,10 +146,20 @@ fn snapshot_saves_every_byte() {
 }
 
 #[test]
+fn patterns_go_to_one_projector_or_to_all() {
+    let daemon = FakeDaemon::start();
+    good(daemon.socket(), &["pattern", "identify", "-p", "left"]);
+    good(daemon.socket(), &["pattern", "off"]);
+    let asked = daemon.engine.patterns.lock().unwrap().clone();
+    let one = PatternRequest { projector: Some("left".into()), name: Pattern::Identify };
+    assert_eq!(asked, [one, PatternRequest { projector: None, name: Pattern::Off }]);
+}
+
+#[test]
 fn refusals_are_the_daemons_words() {
     let daemon = FakeDaemon::start();
     assert!(bad(daemon.socket(), &["pose", "hat", "0", "0", "0"], 1).contains("there is no body `hat` (at body)"));
-    assert!(bad(daemon.socket(), &["pattern", "grid", "-p", "left"], 1).contains("not built yet"));
+    assert!(bad(daemon.socket(), &["pattern", "grid", "-p", "middle"], 1).contains("unknown-projector"));
     let file = daemon.file("edits.json");
     std::fs::write(&file, r#"[{"remove": {"node": "ghost"}}]"#).unwrap();
     let path = file.to_str().unwrap();

@@ -213,7 +213,8 @@ fn refusals_change_nothing_and_say_where() {
         ("status", json!({"verbose": true}), "bad-request", "verbose"),
         ("scene.burn", json!({}), "unknown-op", "op"),
         ("subscribe", json!({"events": ["frame"]}), "not-built", "op"),
-        ("pattern", json!({"name": "grid"}), "not-built", "op"),
+        ("pattern", json!({"name": "grid", "projector": "middle"}), "unknown-projector", "projector"),
+        ("pattern", json!({"name": "plaid"}), "bad-request", "name"),
     ] {
         let refused = client.ask(op, parameters.clone()).unwrap().unwrap_err();
         assert_eq!((refused.code.as_str(), refused.at.as_str()), (code, at), "{op} {parameters}: {refused}");
@@ -273,6 +274,35 @@ fn lines_that_cannot_be_read_and_lines_too_long() {
     longest.resize((1 << 20) - 1, b' ');
     client.send(&[&longest, &b"}\n"[..]].concat()).unwrap();
     assert_eq!(client.line().unwrap().unwrap()["id"], 7);
+}
+
+#[test]
+fn more_clients_than_there_are_places_are_told() {
+    let daemon = Daemon::start(&lab::room_with("[limits]\nmax_clients = 2\n")).unwrap();
+    let served = |client: &mut Client| client.status().is_ok();
+    let (mut first, mut second) = (daemon.client().unwrap(), daemon.client().unwrap());
+    assert!(served(&mut first) && served(&mut second));
+    let mut third = daemon.client().unwrap();
+    let told = third.line().unwrap().unwrap();
+    assert_eq!((&told["id"], &told["error"]["code"]), (&Value::Null, &json!("too-many-clients")));
+    assert_eq!(third.line().unwrap(), None);
+    assert!(served(&mut first));
+
+    // Who goes leaves a place.
+    drop(second);
+    let started = Instant::now();
+    while !daemon.client().is_ok_and(|mut client| served(&mut client)) {
+        assert!(started.elapsed() < Duration::from_secs(10), "no place is free");
+    }
+}
+
+#[test]
+fn nobody_sees_a_room_without_a_viewer() {
+    let daemon = Daemon::start(&lab::room().replace("drives = \"viewer\"", "")).unwrap();
+    let mut client = daemon.client().unwrap();
+    assert!(client.snapshot("left", "color").is_ok(), "a projector needs no viewer");
+    let refused = client.ask("snapshot", json!({"projector": "left", "layer": "room"})).unwrap().unwrap_err();
+    assert!(refused.code == "no-viewer" && refused.message.contains("hint:"), "{refused}");
 }
 
 #[test]

@@ -21,7 +21,7 @@ pub struct Snapshot {
     pub viewers: Vec<DVec3>,
 }
 
-/// Twin of `Frame` in `shaders-glsl/include/frame.glsl`; std140, 432 bytes.
+/// Twin of `Frame` in `shaders-glsl/include/frame.glsl`; std140, 448 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct GpuFrame {
@@ -53,6 +53,10 @@ pub struct GpuFrame {
     pub projector_index: u32,
     /// 0: every weight is 1.
     pub blend: u32,
+    /// What is shown instead of the scene: a [`Pattern`](crate::Pattern).
+    pub pattern: u32,
+    /// Zero; the block's size is a multiple of 16 bytes.
+    pub pad: [u32; 3],
 }
 
 impl GpuFrame {
@@ -85,6 +89,8 @@ impl GpuFrame {
             projector_count: projector.1 as u32,
             projector_index: projector.0 as u32,
             blend: u32::from(settings.blend),
+            pattern: 0,
+            pad: [0; 3],
         }
     }
 }

@@ -10,6 +10,7 @@
 mod catalogue;
 mod error;
 mod frame;
+mod pattern;
 mod pipelines;
 mod readback;
 mod room;
@@ -31,5 +32,6 @@ pub mod secondary;
 
 pub use error::RenderError;
 pub use frame::{GpuFrame, MAX_VIEWERS, Snapshot};
+pub use pattern::Pattern;
 pub use readback::{Layer, LayerImage, Texels};
 pub use renderer::{FrameReport, ProjectorReport, ProjectorSpec, RasterOrder, RayCounts, Renderer, Settings};

@@ -9,6 +9,7 @@ use lantern_scene::Scene;
 
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
+use crate::pattern::Pattern;
 use crate::pipelines::Pipelines;
 use crate::raster::RasterNode;
 use crate::renderer::{ProjectorSpec, RasterOrder, Settings};
@@ -99,12 +100,18 @@ pub(crate) struct Projector {
     bound: Option<Bound>,
     raster_nodes: Vec<RasterNode>,
     pub(crate) stale: Stale,
+    pub(crate) pattern: Pattern,
     pub(crate) shown_viewers: Vec<DVec3>,
     state_written: bool,
 }
 
 impl Projector {
-    pub(crate) fn new(device: &Arc<Device>, spec: ProjectorSpec, queue: usize, samples: u32) -> Result<Self, RenderError> {
+    pub(crate) fn new(
+        device: &Arc<Device>,
+        spec: ProjectorSpec,
+        queue: usize,
+        samples: u32,
+    ) -> Result<Self, RenderError> {
         let frustum = Frustum::new(spec.calibration);
         let size_px = spec.calibration.resolution_px();
         let targets = Targets::new(device, &spec.name, size_px.to_array(), samples)?;
@@ -116,6 +123,7 @@ impl Projector {
             bound: None,
             raster_nodes: Vec::new(),
             stale: Stale::EVERYTHING,
+            pattern: Pattern::Off,
             shown_viewers: Vec::new(),
             state_written: false,
         })
@@ -138,7 +146,11 @@ impl Projector {
     }
 
     /// Records what is stale and needs nothing of another projector's: what each pixel lands on, and where its light ends.
-    pub(crate) fn record_seen(&mut self, device: &Arc<Device>, settings: &Settings) -> Result<Option<Commands>, GpuError> {
+    pub(crate) fn record_seen(
+        &mut self,
+        device: &Arc<Device>,
+        settings: &Settings,
+    ) -> Result<Option<Commands>, GpuError> {
         let Some(bound) = self.bound.as_ref().filter(|_| self.stale.primary) else { return Ok(None) };
         let mut recorder = Recorder::new(device, self.queue, &self.spec.name)?;
         if !self.state_written {
@@ -182,12 +194,7 @@ impl Projector {
 
     /// Where nothing is rasterised one composite serves the pixel. Otherwise every stratum is composited on its own, so that
     /// the rasteriser samples a pixel as finely as the rays do.
-    fn record_composite(
-        &self,
-        recorder: &mut Recorder,
-        bound: &Bound,
-        settings: &Settings,
-    ) -> Result<(), GpuError> {
+    fn record_composite(&self, recorder: &mut Recorder, bound: &Bound, settings: &Settings) -> Result<(), GpuError> {
         let strata = if self.raster_nodes.is_empty() { 1 } else { settings.samples.isqrt() };
         let order = if self.raster_nodes.is_empty() { RasterOrder::After } else { settings.raster };
         for pass in 0..strata * strata {
@@ -211,7 +218,8 @@ impl Projector {
             self.shown_viewers = viewers.to_vec();
         }
         let frustum = GpuFrustum::new(&self.frustum, scene.origin_m);
-        let frame = GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index);
+        let pattern = self.pattern as u32;
+        let frame = GpuFrame { pattern, ..GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index) };
         self.targets.frame.write(0, bytemuck::bytes_of(&frame))
     }
 
@@ -225,7 +233,8 @@ impl Projector {
 /// The random state of a projector: one word a sample, from its name, so that the same scene gives the same image.
 pub(crate) fn sample_state(name: &str, samples: u32) -> Vec<u32> {
     // FNV-1a for the name, SplitMix64 (Steele, Lea and Flood, OOPSLA 2014) for the words.
-    let mut state = name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
+    let mut state =
+        name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
     (0..samples)
         .map(|_| {
             state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);

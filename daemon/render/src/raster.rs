@@ -33,7 +33,12 @@ pub(crate) fn nodes(scene: &Scene) -> Vec<RasterNode> {
 }
 
 /// Draws them all.
-pub(crate) fn draw(draws: &mut Draws<'_>, bound: &Bound, nodes: &[RasterNode], offset_px: [f32; 2]) -> Result<(), GpuError> {
+pub(crate) fn draw(
+    draws: &mut Draws<'_>,
+    bound: &Bound,
+    nodes: &[RasterNode],
+    offset_px: [f32; 2],
+) -> Result<(), GpuError> {
     for node in nodes {
         let push = Push { offset_px, instance: node.instance };
         draws.draw(&bound.pipelines.raster, &bound.raster, bytemuck::bytes_of(&push), node.triangles * 3, 1)?;

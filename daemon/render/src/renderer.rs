@@ -11,6 +11,7 @@ use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder, Submission};
 use lantern_scene::{Scene, changes};
 
 use crate::catalogue::Catalogue;
+use crate::pattern::Pattern;
 use crate::pipelines::{Features, Pipelines};
 use crate::projector::Projector;
 use crate::readback::{self, Layer, LayerImage};
@@ -56,7 +57,14 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { samples: 4, max_depth: 8, raster: RasterOrder::After, blend: true, count_rays: false, eye_at_projector: false }
+        Self {
+            samples: 4,
+            max_depth: 8,
+            raster: RasterOrder::After,
+            blend: true,
+            count_rays: false,
+            eye_at_projector: false,
+        }
     }
 }
 
@@ -198,6 +206,19 @@ impl Renderer {
         for projector in &mut self.projectors {
             projector.stale |= stale;
         }
+    }
+
+    /// Shows a test pattern on a projector instead of the scene, or the scene again.
+    ///
+    /// # Errors
+    /// [`RenderError::NoProjector`].
+    pub fn set_pattern(&mut self, projector: usize, pattern: Pattern) -> Result<(), RenderError> {
+        let of = self.projectors.get_mut(projector).ok_or(RenderError::NoProjector(projector))?;
+        if of.pattern != pattern {
+            of.pattern = pattern;
+            of.stale |= Change::Pattern.makes_stale();
+        }
+        Ok(())
     }
 
     /// Renders what is stale. `newest_viewers` is asked twice: to learn whether an eye has moved, and again right before the

@@ -58,6 +58,8 @@ pub enum Change {
     MaterialOrLight,
     /// The eye moved.
     Eye,
+    /// A test pattern came or went.
+    Pattern,
 }
 
 impl Change {
@@ -68,7 +70,7 @@ impl Change {
             Self::OtherCalibration => (false, false, false, true),
             Self::Prop => (true, true, true, true),
             Self::Virtual => (false, true, true, false),
-            Self::Raster => (false, false, false, false),
+            Self::Raster | Self::Pattern => (false, false, false, false),
             Self::MaterialOrLight => (false, true, true, false),
             Self::Eye => (false, false, true, false),
         };

@@ -53,7 +53,8 @@ pub(crate) const COUNTER_WORDS: u64 = 5;
 impl Targets {
     pub(crate) fn new(device: &Arc<Device>, name: &str, size_px: [u32; 2], samples: u32) -> Result<Self, GpuError> {
         let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
-        let storage = |what: &str, bytes: u64| Buffer::new(device, &format!("{name}/{what}"), BufferKind::Storage, bytes);
+        let storage =
+            |what: &str, bytes: u64| Buffer::new(device, &format!("{name}/{what}"), BufferKind::Storage, bytes);
         let image = |what: &str, format, usage| {
             Image::new(device, &format!("{name}/{what}"), size_px[0], size_px[1], format, usage)
         };
@@ -63,7 +64,9 @@ impl Targets {
             frame: Buffer::new(device, &format!("{name}/frame"), BufferKind::Uniform, size_of::<GpuFrame>() as u64)?,
             sample_state: storage("sample state", u64::from(samples) * 4)?,
             hits: (0..samples).map(|s| storage(&format!("hits {s}"), pixels * 8)).collect::<Result<_, _>>()?,
-            live: (0..samples).map(|s| storage(&format!("live {s}"), LIVE_HEAD + pixels * 4)).collect::<Result<_, _>>()?,
+            live: (0..samples)
+                .map(|s| storage(&format!("live {s}"), LIVE_HEAD + pixels * 4))
+                .collect::<Result<_, _>>()?,
             closest: storage("closest", pixels * 16)?,
             light: storage("light", pixels * 16)?,
             look: storage("look", pixels * 16)?,

@@ -1,6 +1,6 @@
 //! What the control socket asks of the daemon.
 
-use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, Pose, Reloaded, SceneGet, Status};
+use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status};
 
 /// A file in memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -43,6 +43,12 @@ pub trait Engine: Send + Sync + 'static {
     /// # Errors
     /// An unknown projector, or a layer that cannot be had.
     fn snapshot(&self, projector: &str, layer: Layer) -> Result<Picture, ErrorBody>;
+
+    /// Shows a test pattern on one projector or on all, or the scene again; returns when it is shown.
+    ///
+    /// # Errors
+    /// An unknown projector.
+    fn pattern(&self, request: &PatternRequest) -> Result<(), ErrorBody>;
 
     /// Reads the configuration again.
     ///

@@ -126,7 +126,10 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
         Op::Subscribe(_) => {
             Err(ErrorBody::new("not-built", "`subscribe` is not built yet; hint: poll `status`").at("op"))
         }
-        Op::Pattern(_) => Err(ErrorBody::new("not-built", "`pattern` is not built yet").at("op")),
+        Op::Pattern(pattern) => {
+            engine.pattern(&pattern)?;
+            plain(&Map::new())
+        }
         Op::ConfigReload => plain(&engine.reload()?),
     }
 }

@@ -10,7 +10,7 @@ use hdrhistogram::Histogram;
 use lantern_gpu::Device;
 use lantern_render::stale::Stale;
 use lantern_render::{ProjectorReport, RayCounts, Renderer, Settings};
-use lantern_scene::Editor;
+use lantern_scene::{Editor, Role};
 use serde_json::{Value, json};
 
 use super::progress::Progress;
@@ -73,6 +73,10 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
     let device = open_device(&open_vulkan()?, &loaded.config)?;
     let settings = setup::settings(&loaded.config);
 
+    // Where the configuration has the viewer, or before the scene where it has none.
+    let viewer = loaded.config.viewer().map(|body| DVec3::from(body.position_m) + DVec3::from(body.offset_m));
+    let viewer = viewer.unwrap_or(DVec3::new(0.0, 1.6, 2.2));
+
     // Rays are counted in a run of their own: counting costs time.
     let mut cases = BTreeMap::new();
     let mut gpu_bytes = 0;
@@ -83,7 +87,7 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
         for case in Case::ALL {
             let frames = if counting { 1 } else { frames };
             progress.step(&format!("{}: {}", case.name(), if counting { "counting rays" } else { "timing" }));
-            let times = run_case(&mut renderer, &mut loaded.editor, case, frames)?;
+            let times = run_case(&mut renderer, &mut loaded.editor, viewer, case, frames)?;
             let kept = cases.entry(case.name()).or_insert_with(BTreeMap::new);
             for (projector, mut t) in times {
                 if let Some(counted) = kept.get(&projector).map(|k: &Times| k.rays) {
@@ -107,6 +111,7 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
 fn run_case(
     renderer: &mut Renderer,
     editor: &mut Editor,
+    viewer: DVec3,
     case: Case,
     frames: u32,
 ) -> anyhow::Result<BTreeMap<String, Times>> {
@@ -115,14 +120,20 @@ fn run_case(
         .iter()
         .map(|n| (n.clone(), Times { frame: histogram(), stages: BTreeMap::new(), rays: RayCounts::default() }))
         .collect();
-    // The first prop is the one that moves; a scene without nodes has none to move.
-    let prop = renderer.scene().nodes.last().map(|n| (n.name.clone(), n.translation_m, n.rotation));
-    let mut eye = DVec3::new(0.0, 1.6, 2.2);
+    // One prop moves; a scene without any has none to move.
+    let prop = renderer
+        .scene()
+        .nodes
+        .iter()
+        .rev()
+        .find(|n| n.role == Role::Prop)
+        .map(|n| (n.name.clone(), n.translation_m, n.rotation));
+    let mut eye = viewer;
     for frame in 0..WARM_UP + frames {
         let phase = f64::from(frame) * 0.7;
         match case {
             Case::Static => {}
-            Case::Viewer => eye = DVec3::new(0.3 * phase.sin(), 1.6 + 0.1 * phase.cos(), 2.2),
+            Case::Viewer => eye = viewer + DVec3::new(0.3 * phase.sin(), 0.1 * phase.cos(), 0.0),
             Case::Node => {
                 if let Some((name, translation, rotation)) = &prop {
                     let moved = *translation + DVec3::new(0.01 * phase.sin(), 0.0, 0.01 * phase.cos());

@@ -9,7 +9,9 @@ use glam::{DQuat, DVec3};
 use lantern_config::Config;
 use lantern_gpu::{Device, Instance};
 use lantern_proto::status::{DeviceStatus, ProjectorStatus, QueueStatus, SceneStatus};
-use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pose, Reloaded, SceneGet, Status};
+use lantern_proto::{
+    Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pattern, PatternRequest, Pose, Reloaded, SceneGet, Status,
+};
 use lantern_render::LayerImage;
 use lantern_scene::{Editor, Scene, SceneProblem};
 use lantern_tracking::Trackers;
@@ -233,11 +235,32 @@ impl Engine for DaemonEngine {
             Layer::Room => {
                 self.must_have(projector)?;
                 let (reply, answer) = sync_channel(1);
-                let room = self.ask(Request::Room { reply }, &answer)?;
+                if self.links.bodies.eye_m().is_none() {
+                    let message = "no body drives the viewer, so nobody sees the room; hint: add a [[body]] with \
+                                   drives = \"viewer\" to the configuration";
+                    return Err(ErrorBody::new("no-viewer", message).at("layer"));
+                }
+                let room = self.ask(Request::Room { projector: projector.to_owned(), reply }, &answer)?;
                 return file(encode::encode_seen(&room));
             }
         };
         file(encode::encode(&self.read(projector, layer)?))
+    }
+
+    fn pattern(&self, request: &PatternRequest) -> Result<(), ErrorBody> {
+        if let Some(projector) = &request.projector {
+            self.must_have(projector)?;
+        }
+        let pattern = match request.name {
+            Pattern::Off => lantern_render::Pattern::Off,
+            Pattern::Grid => lantern_render::Pattern::Grid,
+            Pattern::White => lantern_render::Pattern::White,
+            Pattern::Black => lantern_render::Pattern::Black,
+            Pattern::Checker => lantern_render::Pattern::Checker,
+            Pattern::Identify => lantern_render::Pattern::Identify,
+        };
+        let (reply, answer) = sync_channel(1);
+        self.ask(Request::Pattern { projector: request.projector.clone(), pattern, reply }, &answer)
     }
 
     fn reload(&self) -> Result<Reloaded, ErrorBody> {

@@ -8,7 +8,7 @@ use std::time::Instant;
 use glam::DVec3;
 use lantern_config::Drives;
 use lantern_gpu::Device;
-use lantern_render::{FrameReport, ProjectorSpec, RenderError, Renderer, Settings};
+use lantern_render::{FrameReport, Pattern, ProjectorSpec, RenderError, Renderer, Settings};
 use lantern_scene::{Editor, Scene};
 use lantern_tracking::Bodies;
 
@@ -215,19 +215,34 @@ impl FrameThread {
                     None => Err(format!("the projector `{projector}` has gone")),
                 });
             }
-            Request::Room { reply } => {
-                let size_px = self.renderer.projectors().next().map(|p| p.calibration.resolution_px().to_array());
-                let eye = eyes(&self.links.bodies).first().copied();
-                let room = match (eye, size_px) {
-                    (Some(eye), Some(size_px)) => self.renderer.room(eye, size_px).map_err(|e| e.to_string()),
-                    _ => Err("no body drives the viewer, so nobody sees the room".into()),
+            Request::Room { projector, reply } => {
+                let of = self.renderer.projectors().find(|p| p.name == projector);
+                let size_px = of.map(|p| p.calibration.resolution_px().to_array());
+                let room = match (eyes(&self.links.bodies).first(), size_px) {
+                    (Some(eye), Some(size_px)) => self.renderer.room(*eye, size_px).map_err(|e| e.to_string()),
+                    (None, _) => Err("no body drives the viewer any more".into()),
+                    (_, None) => Err(format!("the projector `{projector}` has gone")),
                 };
                 let _ = reply.send(room);
+            }
+            Request::Pattern { projector, pattern, reply } => {
+                let _ = reply.send(self.set_pattern(projector.as_deref(), pattern).map_err(|e| e.to_string()));
             }
             Request::Reconfigure { setup, reply } => {
                 let _ = reply.send(self.reconfigure(*setup).map_err(|e| e.to_string()));
             }
         }
+    }
+
+    /// Shows a pattern on one projector, or on all.
+    fn set_pattern(&mut self, projector: Option<&str>, pattern: Pattern) -> Ended {
+        let names: Vec<_> = self.renderer.projectors().map(|p| p.name.clone()).collect();
+        for (index, name) in names.iter().enumerate() {
+            if projector.is_none_or(|wanted| wanted == name) {
+                self.renderer.set_pattern(index, pattern)?;
+            }
+        }
+        self.show().map(drop)
     }
 
     /// Takes another setup and shows it, or keeps the old one where the new one cannot be made or shown.

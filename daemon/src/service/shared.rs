@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use lantern_render::{Layer, LayerImage};
+use lantern_render::{Layer, LayerImage, Pattern};
 use lantern_scene::Scene;
 
 use super::frames::Setup;
@@ -24,10 +24,21 @@ pub enum Request {
         /// Where the answer goes.
         reply: SyncSender<Result<LayerImage, String>>,
     },
-    /// What the viewer sees of the lit props.
+    /// What the viewer sees of the lit props, in a projector's resolution.
     Room {
+        /// Its name.
+        projector: String,
         /// Where the answer goes.
         reply: SyncSender<Result<LayerImage, String>>,
+    },
+    /// A test pattern instead of the scene, or the scene again.
+    Pattern {
+        /// On one projector, by its name, or on all.
+        projector: Option<String>,
+        /// Which.
+        pattern: Pattern,
+        /// Where the answer goes, once it is shown.
+        reply: SyncSender<Result<(), String>>,
     },
     /// Other projectors or settings.
     Reconfigure {

@@ -4,7 +4,7 @@
 
 use lantern::control::{Engine, Listener, Picture, Server};
 use lantern_proto::status::{DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
-use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, Pose, Reloaded, SceneGet, Status};
+use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -16,6 +16,7 @@ use tokio::runtime::Runtime;
 pub(crate) struct FakeEngine {
     pub(crate) edits: Mutex<Vec<Edit>>,
     pub(crate) poses: Mutex<Vec<Pose>>,
+    pub(crate) patterns: Mutex<Vec<PatternRequest>>,
     pub(crate) reload_fails: AtomicBool,
 }
 
@@ -86,6 +87,18 @@ impl Engine for FakeEngine {
             "left" => Ok(Picture { format: "png", bytes: picture(layer) }),
             _ => {
                 Err(ErrorBody::new("unknown-projector", format!("there is no projector `{projector}`")).at("projector"))
+            }
+        }
+    }
+
+    fn pattern(&self, request: &PatternRequest) -> Result<(), ErrorBody> {
+        match request.projector.as_deref() {
+            None | Some("left") => {
+                self.patterns.lock().unwrap().push(request.clone());
+                Ok(())
+            }
+            Some(other) => {
+                Err(ErrorBody::new("unknown-projector", format!("there is no projector `{other}`")).at("projector"))
             }
         }
     }
