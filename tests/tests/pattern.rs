@@ -30,7 +30,10 @@ fn a_pattern_stands_in_for_the_scene_until_it_is_off() {
         let shown = client.png("left", "color").unwrap();
         let (w, h) = shown.dimensions();
         let on_frame = |x: u32, y: u32| x == 0 || y == 0 || x == w - 1 || y == h - 1;
-        assert!(shown.enumerate_pixels().filter(|(x, y, _)| on_frame(*x, *y)).all(|(_, _, p)| p.0 == [255; 3]), "{name}");
+        assert!(
+            shown.enumerate_pixels().filter(|(x, y, _)| on_frame(*x, *y)).all(|(_, _, p)| p.0 == [255; 3]),
+            "{name}"
+        );
         assert_eq!(shown == client.png("right", "color").unwrap(), name == "grid", "{name}");
     }
 

@@ -2,12 +2,19 @@
 #![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use std::{
-    fs, thread,
+    fs,
+    io::{BufRead, BufReader},
+    process::Stdio,
+    thread,
     time::{Duration, Instant},
 };
 
-use lantern_tests::{client::Client, harness::Daemon, lab};
-use rustix::process::Signal;
+use lantern_tests::{
+    client::Client,
+    harness::{self, Daemon},
+    lab,
+};
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::json;
 
 const SOON: Duration = Duration::from_secs(30);
@@ -39,6 +46,27 @@ fn signals() {
         assert!(asked.elapsed() < Duration::from_secs(5), "{signal:?} took {:?}", asked.elapsed());
         assert!(!daemon.socket().exists());
     }
+}
+
+#[test]
+fn a_signal_while_it_starts_ends_it_as_well() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("lab.toml");
+    fs::write(&file, lab::room()).unwrap();
+    let mut command = harness::command("lanternd").unwrap();
+    command.args(["run", "-c", file.to_str().unwrap(), "--socket", folder.path().join("s").to_str().unwrap()]);
+    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+    let log = BufReader::new(child.stderr.take().unwrap());
+    let mut rest = String::new();
+    for line in log.lines().map_while(Result::ok) {
+        // The device is open, and the shaders of the first frame are being compiled.
+        if line.contains("rendering") {
+            kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+        }
+        rest = line;
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(0), "{rest}");
+    assert!(rest.contains("stopping"), "{rest}");
 }
 
 #[test]

@@ -110,6 +110,24 @@ fn a_state_of_another_scene_or_a_broken_one_is_set_aside() {
 }
 
 #[test]
+fn a_reload_of_another_scene_ends_what_was_kept() {
+    let (folder, config) = folder();
+    let file = folder.path().join("lantern.toml");
+    let mut daemon = Daemon::start_in(&folder, &config).unwrap();
+    let mut client = daemon.client().unwrap();
+    client.ask_ok("scene.apply", json!({"edits": [lab::mirror()]})).unwrap();
+    for text in [config.replace("\"#406080\"", "\"#102030\""), config.clone()] {
+        fs::write(&file, text).unwrap();
+        client.ask_ok("config.reload", json!({})).unwrap();
+    }
+    let before = client.ask_ok("scene.get", json!({})).unwrap();
+    assert!(!before.to_string().contains("metallic"), "{before}");
+    kill(&mut daemon);
+    let daemon = Daemon::start_in(&folder, &config).unwrap();
+    assert_eq!(daemon.client().unwrap().ask_ok("scene.get", json!({})).unwrap(), before, "an older scene is back");
+}
+
+#[test]
 fn what_cannot_be_kept_is_not_applied() {
     let (folder, config) = folder();
     let daemon = Daemon::start_in(&folder, &config).unwrap();
