@@ -111,7 +111,7 @@ fn refusals_and_bad_usage() {
         (&["pose", "hat", "0", "0", "0"], "there are hand, head"),
         (&["pose", "head", "0", "0", "0", "0", "0", "0", "2"], "norm 2"),
         (&["snapshot", "-p", "middle", "-o", "/tmp/never"], "there are left, right"),
-        (&["pattern", "grid"], "not built yet"),
+        (&["pattern", "grid", "-p", "middle"], "there are left, right"),
     ] {
         let said = refused(&daemon, arguments, 1);
         assert!(said.contains(words), "{arguments:?}: {said}");
