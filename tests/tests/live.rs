@@ -12,6 +12,9 @@ use lantern_proto::PosePacket;
 use lantern_tests::{client::Client, harness::Daemon, lab};
 use serde_json::{Value, json};
 
+/// Between two looks of who looks again and again: other tests share the machine.
+const BREATH: Duration = Duration::from_millis(5);
+
 /// A tracker's sender, on an address of this machine.
 struct Sender {
     socket: UdpSocket,
@@ -181,6 +184,35 @@ fn a_body_drives_a_node_and_rest_costs_nothing() {
     assert_eq!(frames(&mut client), shown, "nothing changed, and frames were made");
 }
 
+/// Edits that take their time, and a body that moves its node meanwhile: neither undoes the other.
+#[test]
+fn edits_and_driven_nodes_go_on_beside_each_other() {
+    let config = lab::room().replace("name = \"hand\"", "name = \"hand\"\ndrives = \"node:ball\"");
+    let daemon = Daemon::start(&config).unwrap();
+    let (mut client, mut other) = (daemon.client().unwrap(), daemon.client().unwrap());
+    let added = 12;
+    thread::scope(|scope| {
+        let editing = scope.spawn(|| {
+            for number in 0..added {
+                let node = format!("pot {number}");
+                other.apply(json!([{"add": {"node": node, "uri": "lantern:teapot", "role": "virtual"}}])).unwrap();
+            }
+        });
+        let mut moves = 0;
+        while !editing.is_finished() {
+            client.pose("hand", [0.001 * f64::from(moves % 500), 0.4, 0.0]).unwrap();
+            moves += 1;
+            thread::sleep(BREATH);
+        }
+    });
+    client.pose("hand", [0.3, 0.4, 0.0]).unwrap();
+    client.snapshot("left", "color").unwrap();
+    let told = client.ask_ok("scene.get", json!({})).unwrap();
+    let nodes: Vec<_> = told["edits"].as_array().unwrap().iter().filter(|edit| edit.get("add").is_some()).collect();
+    assert_eq!(nodes.len(), 2 + added, "{told}");
+    assert_eq!(nodes[1]["add"]["translation_m"], json!([0.3, 0.4, 0.0]), "{told}");
+}
+
 #[test]
 fn all_projectors_show_one_revision() {
     let daemon = Daemon::start(&lab::room()).unwrap();
@@ -188,7 +220,7 @@ fn all_projectors_show_one_revision() {
     let mut watcher = daemon.client().unwrap();
     thread::scope(|scope| {
         let editing = scope.spawn(|| {
-            for step in 0..60 {
+            for step in 0..30 {
                 let x = f64::from(step) * 0.01;
                 client.apply(json!([{"set": {"node": "ball", "translation_m": [x, 0.4, 0]}}])).unwrap();
             }
@@ -199,6 +231,7 @@ fn all_projectors_show_one_revision() {
             let of = |name: &str| status["projectors"][name]["revision"].as_u64().unwrap();
             assert_eq!(of("left"), of("right"), "{status}");
             seen.push(of("left"));
+            thread::sleep(BREATH);
         }
         assert!(seen.is_sorted(), "revisions went back: {seen:?}");
         editing.join().unwrap();

@@ -148,6 +148,11 @@ impl Editor {
         self.current()
     }
 
+    /// Takes a revision that a copy of this editor has made as the newest; what was loaded stays known.
+    pub fn go_on_from(&mut self, current: Arc<Scene>) {
+        self.current = current;
+    }
+
     /// Replaces the limits, and the only folders from which clients may have files read; what is there stays.
     pub fn set_access(&mut self, limits: Limits, asset_roots: &[PathBuf]) {
         self.limits = limits;

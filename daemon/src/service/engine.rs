@@ -13,7 +13,7 @@ use lantern_proto::{
     Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pattern, PatternRequest, Pose, Reloaded, SceneGet, Status,
 };
 use lantern_render::LayerImage;
-use lantern_scene::{Editor, Scene, SceneProblem};
+use lantern_scene::{EditError, Editor, Scene, SceneProblem};
 use lantern_tracking::Trackers;
 
 use super::frames::{Links, lock_editor};
@@ -102,6 +102,25 @@ impl DaemonEngine {
         }
         let message = format!("there is no projector `{projector}`; hint: there are {}", known.join(", "));
         Err(ErrorBody::new("unknown-projector", message).at("projector"))
+    }
+
+    /// Makes a revision; gives the one before as well. Files are read on a copy of the editor, so that bodies go on moving
+    /// their nodes meanwhile.
+    fn edit(&self, edits: &[Edit]) -> Result<(Arc<Scene>, Arc<Scene>), ErrorBody> {
+        let refused = |e: EditError| ErrorBody::new(e.code, e.message).at(e.at);
+        let mut copy = lock_editor(&self.links.editor).clone();
+        let read_from = copy.current();
+        let mut scene = copy.apply(edits).map_err(refused)?;
+
+        // Where a node was moved since, the edits go on top of that; what they load is there already, kept by `scene`.
+        let mut editor = lock_editor(&self.links.editor);
+        let before = editor.current();
+        if !Arc::ptr_eq(&before, &read_from) {
+            copy.go_on_from(before.clone());
+            scene = copy.apply(edits).map_err(refused)?;
+        }
+        *editor = copy;
+        Ok((before, scene))
     }
 
     /// Publishes a revision and waits until it is shown; gives the frame.
@@ -197,12 +216,7 @@ impl Engine for DaemonEngine {
 
     fn apply(&self, edits: &[Edit], durable: bool) -> Result<Applied, ErrorBody> {
         let _turn = lock(&self.applying);
-        let (before, scene) = {
-            let mut editor = lock_editor(&self.links.editor);
-            let before = editor.current();
-            let scene = editor.apply(edits).map_err(|e| ErrorBody::new(e.code, e.message.clone()).at(e.at.clone()))?;
-            (before, scene)
-        };
+        let (before, scene) = self.edit(edits)?;
         let done = self.show(&scene).and_then(|frame| {
             let durable = durable && self.keep(&scene)?;
             Ok(Applied { revision: scene.revision, frame, durable })
