@@ -14,7 +14,6 @@ use lantern_scene::{Edit, Editor, Limits, Scene};
 ///
 /// # Panics
 /// Where they are not edits, or are refused.
-#[expect(clippy::panic, reason = "a test that cannot build its scene has failed")]
 pub fn scene_of(edits: serde_json::Value) -> Arc<Scene> {
     editor_of(edits, Vec::new()).current()
 }

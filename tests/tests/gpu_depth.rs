@@ -1,5 +1,6 @@
 //! The depth attachment against a rasterised one: the same triangles by the same matrix, drawn by the device's own
 //! rasteriser, which knows nothing of us.
+#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use std::{sync::Arc, time::Duration};
 

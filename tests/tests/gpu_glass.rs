@@ -1,4 +1,5 @@
 //! Light that goes through things, and whole pictures: the GPU's against the oracle's.
+#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use std::sync::Arc;
 

@@ -2,6 +2,7 @@
 //!
 //! A hit's distance alone does not tell where the GPU's ray went. So the floor tells: three lights of one colour channel
 //! each stand above it, and what it shows of each falls with the distance from that light, which gives the point.
+#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use std::f64::consts::PI;
 
@@ -38,8 +39,9 @@ fn projector(number: u64) -> Calibration {
     let (near, far) = (between(0.05, 0.3), between(20.0, 200.0));
     let [first, second] = convention.depth_limits();
     let (at_near, at_far) = if bit(1) { (second, first) } else { (first, second) };
-    let b = if number % 5 == 0 { (at_near - at_far) * near } else { (at_near - at_far) * near * far / (far - near) };
-    let a = if number % 5 == 0 { -at_far } else { b / far - at_far };
+    let infinite = number.is_multiple_of(5);
+    let b = if infinite { (at_near - at_far) * near } else { (at_near - at_far) * near * far / (far - near) };
+    let a = if infinite { -at_far } else { b / far - at_far };
     let focal = between(1.0, 2.0);
     let shift = DVec2::new(between(-0.6, 0.6), between(-0.6, 0.6));
     let mut clip_from_view = DMat4::from_cols(

@@ -1,4 +1,5 @@
 //! What depends on the eye, what does not, and that no projector's place shows in it (PAPER.md, Figure 8).
+#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use std::sync::Arc;
 

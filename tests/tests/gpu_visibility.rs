@@ -1,4 +1,5 @@
 //! What each pixel lands on, and how far away: the GPU against the oracle, on real models and on the demo.
+#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use std::sync::Arc;
 
