@@ -1,5 +1,4 @@
 //! All of an edit list or nothing, whoever looks and whenever.
-#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},

@@ -44,7 +44,7 @@ fn triangle_bytes(corner: f32, index: u16) -> Vec<u8> {
 fn glb(mut gltf: Value, bytes: &[u8]) -> Vec<u8> {
     gltf["buffers"][0].as_object_mut().unwrap().remove("uri");
     let mut text = gltf.to_string();
-    while text.len() % 4 != 0 {
+    while !text.len().is_multiple_of(4) {
         text.push(' ');
     }
     let total = (12 + 8 + text.len() + 8 + bytes.len()) as u32;
