@@ -7,7 +7,9 @@ use ash::vk;
 
 use crate::error::GpuError;
 use crate::handle::DeviceHandle;
-use crate::timestamp::QUERIES;
+
+/// Queries of one recording: one at its beginning and two for each span.
+pub(crate) const QUERIES: u32 = 256;
 
 /// A command buffer, alone in its pool, and a query pool.
 pub(crate) struct Encoder {

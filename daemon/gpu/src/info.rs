@@ -5,8 +5,9 @@ use std::ffi::{CStr, c_char};
 
 use ash::{ext, khr, vk};
 
+use crate::error::GpuError;
 use crate::features::Features;
-use crate::instance::Instance;
+use crate::instance::{Instance, version_text};
 
 /// A Vulkan device: who it is, what it has, what it can do.
 #[derive(Debug, Clone, Default)]
@@ -90,6 +91,17 @@ pub struct MemoryHeap {
     pub device_local: bool,
 }
 
+impl Instance {
+    /// All devices, in the loader's order, with what they can do.
+    ///
+    /// # Errors
+    /// When the loader cannot list them.
+    pub fn devices(&self) -> Result<Vec<DeviceInfo>, GpuError> {
+        let physical = self.physical_devices()?;
+        Ok(physical.iter().enumerate().map(|(index, &device)| query(self, device, index)).collect())
+    }
+}
+
 /// Asks a device everything.
 pub(crate) fn query(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> DeviceInfo {
     // SAFETY: the device is one that this instance listed, here and in the calls below.
@@ -144,13 +156,6 @@ pub(crate) fn serving_family(
         .zip(families)
         .filter(|(_, family)| family.queue_flags.contains(wanted) && family.queue_count > 0)
         .max_by_key(|(index, family)| (family.queue_count, std::cmp::Reverse(*index)))
-}
-
-/// A packed Vulkan version, as people write it.
-pub(crate) fn version_text(version: u32) -> String {
-    let (major, minor, patch) =
-        (vk::api_version_major(version), vk::api_version_minor(version), vk::api_version_patch(version));
-    format!("{major}.{minor}.{patch}")
 }
 
 fn queue_families(instance: &Instance, device: vk::PhysicalDevice) -> Vec<QueueFamily> {

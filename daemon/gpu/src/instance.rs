@@ -6,7 +6,6 @@ use std::sync::Arc;
 use ash::{ext, khr, vk};
 
 use crate::error::GpuError;
-use crate::info::{self, DeviceInfo};
 use crate::validation::{Messages, messenger_info};
 
 /// The layer that checks every call.
@@ -78,15 +77,6 @@ impl Instance {
         self.messages.all()
     }
 
-    /// All devices, in the loader's order, with what they can do.
-    ///
-    /// # Errors
-    /// When the loader cannot list them.
-    pub fn devices(&self) -> Result<Vec<DeviceInfo>, GpuError> {
-        let physical = self.physical_devices()?;
-        Ok(physical.iter().enumerate().map(|(index, &device)| info::query(self, device, index)).collect())
-    }
-
     pub(crate) fn physical_devices(&self) -> Result<Vec<vk::PhysicalDevice>, GpuError> {
         // SAFETY: the instance lives.
         match unsafe { self.raw.enumerate_physical_devices() } {
@@ -130,7 +120,7 @@ fn require_vulkan_1_3(entry: &ash::Entry) -> Result<(), GpuError> {
         .map_err(|result| GpuError::vulkan("asking for the loader's version", result))?
         .unwrap_or(vk::API_VERSION_1_0);
     if version < vk::API_VERSION_1_3 {
-        return Err(GpuError::OldLoader { found: info::version_text(version) });
+        return Err(GpuError::OldLoader { found: version_text(version) });
     }
     Ok(())
 }
@@ -194,4 +184,11 @@ fn create_raw(
         vk::Result::ERROR_LAYER_NOT_PRESENT => GpuError::NoValidationLayer,
         result => GpuError::vulkan("creating the vulkan instance", result),
     })
+}
+
+/// A packed Vulkan version, as people write it.
+pub(crate) fn version_text(version: u32) -> String {
+    let (major, minor, patch) =
+        (vk::api_version_major(version), vk::api_version_minor(version), vk::api_version_patch(version));
+    format!("{major}.{minor}.{patch}")
 }

@@ -41,6 +41,7 @@ mod sampler;
 mod select;
 mod shader;
 mod submission;
+mod submit;
 mod ticket;
 mod timestamp;
 mod validation;

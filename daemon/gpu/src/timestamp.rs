@@ -5,9 +5,6 @@ use ash::vk;
 use crate::encoder::Encoder;
 use crate::handle::Limits;
 
-/// Queries of one recording: one at its beginning and two for each span.
-pub(crate) const QUERIES: u32 = 256;
-
 /// A span: its name, and the queries at its beginning and its end.
 pub(crate) type Span = (&'static str, u32, u32);
 

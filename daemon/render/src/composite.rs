@@ -4,9 +4,9 @@
 
 use lantern_gpu::{GpuError, Load, Recorder};
 
-use crate::projector::Bound;
+use crate::bound::Bound;
 use crate::raster::{self, RasterNode};
-use crate::renderer::RasterOrder;
+use crate::settings::RasterOrder;
 use crate::targets::Targets;
 
 /// Records one composite, with the raster nodes sampled at `offset_px` from the pixels' centres.

@@ -1,25 +1,14 @@
-//! What one frame knows: the snapshot that all its projectors share, and the block that the shaders read.
-
-use std::sync::Arc;
+//! The block that the shaders of one frame of one projector read.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use lantern_calibration::GpuFrustum;
 use lantern_scene::Scene;
 
-use crate::renderer::Settings;
+use crate::settings::Settings;
 
 /// Viewers that the shaders take into account.
 pub const MAX_VIEWERS: usize = 4;
-
-/// Everything that a frame shows, taken once and whole: two projectors on one prop never disagree about when it is.
-#[derive(Clone)]
-pub struct Snapshot {
-    /// The scene's revision.
-    pub scene: Arc<Scene>,
-    /// The viewers' eyes, world frame, m; the first [`MAX_VIEWERS`] count.
-    pub viewers: Vec<DVec3>,
-}
 
 /// Twin of `Frame` in `shaders-glsl/include/frame.glsl`; std140, 448 bytes.
 #[repr(C)]

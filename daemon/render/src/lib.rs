@@ -7,14 +7,17 @@
 //!
 //! A pass knows the buffers it reads and writes, not who asked; [`projector`] knows their order, [`renderer`] a device's projectors.
 
+mod bound;
 mod catalogue;
 mod error;
 mod frame;
+mod jitter;
 mod pattern;
 mod pipelines;
 mod readback;
 mod room;
 mod scene_buffers;
+mod settings;
 pub mod shaders;
 pub mod stale;
 mod targets;
@@ -31,7 +34,8 @@ pub mod resolve;
 pub mod secondary;
 
 pub use error::RenderError;
-pub use frame::{GpuFrame, MAX_VIEWERS, Snapshot};
+pub use frame::{GpuFrame, MAX_VIEWERS};
 pub use pattern::Pattern;
 pub use readback::{Layer, LayerImage, Texels};
-pub use renderer::{FrameReport, ProjectorReport, ProjectorSpec, RasterOrder, RayCounts, Renderer, Settings};
+pub use renderer::{FrameReport, ProjectorReport, RayCounts, Renderer};
+pub use settings::{ProjectorSpec, RasterOrder, Settings};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use lantern_gpu::{ComputePipeline, DepthTest, Device, GpuError, GraphicsDesc, GraphicsPipeline, ImageFormat};
 use lantern_scene::Scene;
 
-use crate::renderer::Settings;
+use crate::settings::Settings;
 use crate::shaders;
 
 /// Specialisation constant of `secondary.comp`: reflect the projector's own ray.

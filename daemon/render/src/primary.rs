@@ -4,7 +4,7 @@
 
 use lantern_gpu::{GpuError, Recorder};
 
-use crate::projector::{Bound, Plane};
+use crate::bound::{Bound, Plane};
 use crate::targets::Targets;
 
 /// Records the pass.

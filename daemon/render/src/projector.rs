@@ -4,92 +4,20 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use lantern_calibration::{Frustum, GpuFrustum};
-use lantern_gpu::{Bindings, Buffer, Commands, ComputePipeline, Device, GpuError, Recorder};
+use lantern_gpu::{Buffer, Commands, Device, GpuError, Recorder};
 use lantern_scene::Scene;
 
+use crate::bound::Bound;
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
+use crate::jitter::sample_state;
 use crate::pattern::Pattern;
 use crate::pipelines::Pipelines;
 use crate::raster::RasterNode;
-use crate::renderer::{ProjectorSpec, RasterOrder, Settings};
+use crate::settings::{ProjectorSpec, RasterOrder, Settings};
 use crate::stale::Stale;
 use crate::targets::Targets;
-use crate::{RenderError, blend, composite, edges, light, primary, raster, resolve, secondary, shaders};
-
-/// What the passes over one sample plane bind.
-pub(crate) struct Plane {
-    pub(crate) primary: Arc<Bindings>,
-    pub(crate) light: Arc<Bindings>,
-    pub(crate) secondary: Arc<Bindings>,
-}
-
-/// Every pass of a projector with what it binds; made anew when a buffer of the scene is replaced.
-pub(crate) struct Bound {
-    pub(crate) pipelines: Arc<Pipelines>,
-    planes: Vec<Plane>,
-    pub(crate) edges: Arc<Bindings>,
-    /// One a projector, itself included.
-    pub(crate) blend: Vec<Arc<Bindings>>,
-    pub(crate) composite: Arc<Bindings>,
-    pub(crate) raster: Arc<Bindings>,
-    pub(crate) resolve: Arc<Bindings>,
-}
-
-impl Bound {
-    fn new(
-        pipelines: &Arc<Pipelines>,
-        targets: &Targets,
-        scene: &Catalogue,
-        edges: &[Arc<Buffer>],
-    ) -> Result<Self, GpuError> {
-        let all = targets.list(scene.clone());
-        let plane = |(hits, live): (&Arc<Buffer>, &Arc<Buffer>)| {
-            let all = all.clone().with_buffer("Hits", hits).with_buffer("Live", live);
-            Ok::<_, GpuError>(Plane {
-                primary: all.bind(&*pipelines.primary, &[&shaders::PRIMARY_COMP])?,
-                light: all.bind(&*pipelines.light, &[&shaders::LIGHT_COMP])?,
-                secondary: all.bind(&*pipelines.secondary, &[&shaders::SECONDARY_COMP])?,
-            })
-        };
-        let blend = |other: &Arc<Buffer>| {
-            all.clone().with_buffer("OtherEdge", other).bind(&*pipelines.blend, &[&shaders::BLEND_COMP])
-        };
-        Ok(Self {
-            planes: targets.hits.iter().zip(&targets.live).map(plane).collect::<Result<_, _>>()?,
-            edges: all.bind(&*pipelines.edges, &[&shaders::EDGES_COMP])?,
-            blend: edges.iter().map(blend).collect::<Result<_, _>>()?,
-            composite: all.bind(&*pipelines.composite_first, &[&shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG])?,
-            raster: all.bind(&*pipelines.raster, &[&shaders::RASTER_VERT, &shaders::RASTER_FRAG])?,
-            resolve: all.bind(&*pipelines.resolve, &[&shaders::RESOLVE_COMP])?,
-            pipelines: pipelines.clone(),
-        })
-    }
-
-    /// The sample planes with their numbers.
-    pub(crate) fn planes(&self) -> impl Iterator<Item = (u32, &Plane)> {
-        (0..).zip(&self.planes)
-    }
-
-    /// One dispatch a sample plane: no invocation does more than one sample, which keeps its loops far below the 65,535 turns
-    /// after which lavapipe 22.3 ends them silently.
-    pub(crate) fn each_plane(
-        &self,
-        recorder: &mut Recorder,
-        span: &'static str,
-        bindings: impl Fn(&Plane) -> &Arc<Bindings>,
-        pipeline: impl Fn(&Pipelines) -> &Arc<ComputePipeline>,
-        groups: [u32; 3],
-    ) -> Result<(), GpuError> {
-        recorder.span(span, |recorder| {
-            for (sample, plane) in self.planes() {
-                let push = [sample, 0];
-                recorder.dispatch(pipeline(&self.pipelines), bindings(plane), bytemuck::bytes_of(&push), groups)?;
-            }
-            Ok(())
-        })
-    }
-}
+use crate::{RenderError, blend, composite, edges, light, primary, raster, resolve, secondary};
 
 /// A projector's side of the device.
 pub(crate) struct Projector {
@@ -228,20 +156,4 @@ impl Projector {
         self.stale = Stale::NOTHING;
         self.state_written = true;
     }
-}
-
-/// The random state of a projector: one word a sample, from its name, so that the same scene gives the same image.
-pub(crate) fn sample_state(name: &str, samples: u32) -> Vec<u32> {
-    // FNV-1a for the name, SplitMix64 (Steele, Lea and Flood, OOPSLA 2014) for the words.
-    let mut state =
-        name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
-    (0..samples)
-        .map(|_| {
-            state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = state;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((z ^ (z >> 31)) >> 32) as u32
-        })
-        .collect()
 }

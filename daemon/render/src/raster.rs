@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use lantern_gpu::{Draws, GpuError};
 use lantern_scene::{Role, Scene};
 
-use crate::projector::Bound;
+use crate::bound::Bound;
 
 /// One instance to draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder};
 
-use crate::RenderError;
-use crate::projector::Projector;
-use crate::renderer::HUNG_AFTER;
+use crate::settings::HUNG_AFTER;
+use crate::targets::Targets;
 
 /// What of a projector's frame (CONTRACT, Layers of a snapshot).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,9 +57,13 @@ pub(crate) fn read_words(device: &Arc<Device>, from: &Arc<Buffer>) -> Result<Vec
     Ok(bytemuck::pod_collect_to_vec(&raw))
 }
 
-/// Reads one layer.
-pub(crate) fn read(device: &Arc<Device>, of: &Projector, layer: Layer) -> Result<LayerImage, RenderError> {
-    let targets = &of.targets;
+/// Reads one layer of a projector, whose depth convention may be `reversed`.
+pub(crate) fn read(
+    device: &Arc<Device>,
+    targets: &Targets,
+    reversed: bool,
+    layer: Layer,
+) -> Result<LayerImage, GpuError> {
     let float = f32::from_bits;
     let texels = match layer {
         Layer::Color => {
@@ -81,7 +84,6 @@ pub(crate) fn read(device: &Arc<Device>, of: &Projector, layer: Layer) -> Result
         }
         Layer::Depth => {
             let words = read_words(device, &targets.depth_and_node)?;
-            let reversed = of.frustum.is_reversed();
             let window = |c: &[u32]| if reversed && float(c[1]) >= 0.0 { 1.0 - float(c[0]) } else { float(c[0]) };
             Texels::Scalar(words.chunks_exact(2).map(window).collect())
         }

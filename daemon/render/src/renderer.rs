@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
-use lantern_calibration::{Calibration, GpuFrustum};
+use lantern_calibration::GpuFrustum;
 use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder, Submission};
 use lantern_scene::{Scene, changes};
 
@@ -16,57 +16,9 @@ use crate::pipelines::{Features, Pipelines};
 use crate::projector::Projector;
 use crate::readback::{self, Layer, LayerImage};
 use crate::scene_buffers::SceneBuffers;
+use crate::settings::{HUNG_AFTER, ProjectorSpec, Settings};
 use crate::stale::{Change, Stale, stale_by};
 use crate::{RenderError, room};
-
-/// A projector as the configuration has it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ProjectorSpec {
-    /// Its name; also the seed of its jitter.
-    pub name: String,
-    /// Its matrix, depth convention and resolution.
-    pub calibration: Calibration,
-}
-
-/// When raster nodes are drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum RasterOrder {
-    /// Before the traced image.
-    Before,
-    /// After it.
-    #[default]
-    After,
-}
-
-/// How to render.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
-    /// Samples a pixel: 1, 4, 9, 16, … 256.
-    pub samples: u32,
-    /// Secondary rays deep.
-    pub max_depth: u32,
-    /// When raster nodes are drawn.
-    pub raster: RasterOrder,
-    /// Whether projectors share the light of what several of them reach.
-    pub blend: bool,
-    /// Count rays by kind.
-    pub count_rays: bool,
-    /// The naive method: reflect each projector's own ray. For the test that shows it to be wrong.
-    pub eye_at_projector: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            samples: 4,
-            max_depth: 8,
-            raster: RasterOrder::After,
-            blend: true,
-            count_rays: false,
-            eye_at_projector: false,
-        }
-    }
-}
 
 /// Rays of one frame of one projector, by kind. Twin of `Counters` in `shaders-glsl/include/counters.glsl`.
 #[repr(C)]
@@ -109,9 +61,6 @@ pub struct FrameReport {
     /// One for each projector that had something to do.
     pub projectors: Vec<ProjectorReport>,
 }
-
-/// Longer than any frame, even of a software driver: what takes longer has hung.
-pub(crate) const HUNG_AFTER: Duration = Duration::from_secs(60);
 
 /// Renders for the projectors of one device.
 pub struct Renderer {
@@ -340,7 +289,7 @@ impl Renderer {
     /// [`RenderError::NoProjector`], or what Vulkan says.
     pub fn read(&self, projector: usize, layer: Layer) -> Result<LayerImage, RenderError> {
         let of = self.projectors.get(projector).ok_or(RenderError::NoProjector(projector))?;
-        readback::read(&self.device, of, layer)
+        Ok(readback::read(&self.device, &of.targets, of.frustum.is_reversed(), layer)?)
     }
 
     /// What a viewer's eye sees of the lit props: every projector's picture, through its own calibration, linear, `size_px`.
@@ -349,7 +298,8 @@ impl Renderer {
     /// What Vulkan says.
     pub fn room(&mut self, eye: DVec3, size_px: [u32; 2]) -> Result<LayerImage, RenderError> {
         let pipelines = self.pipelines()?;
-        let of = room::View { scene: &self.scene, settings: &self.settings, projectors: &self.projectors };
+        let pictures = self.projectors.iter().map(|p| p.targets.color.clone()).collect();
+        let of = room::View { scene: &self.scene, settings: &self.settings, pictures };
         room::render(&self.device, &pipelines, &self.catalogue(), &of, eye, size_px)
     }
 }

@@ -5,7 +5,7 @@
 use bytemuck::{Pod, Zeroable};
 use lantern_gpu::{GpuError, Recorder};
 
-use crate::projector::Bound;
+use crate::bound::Bound;
 
 /// Twin of `Push` in `resolve.comp`; 8 bytes.
 #[repr(C)]

@@ -10,10 +10,10 @@ use lantern_scene::{Role, Scene};
 
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
+use crate::jitter::sample_state;
 use crate::pipelines::Pipelines;
-use crate::projector::{Projector, sample_state};
 use crate::readback::{LayerImage, Texels, read_words};
-use crate::renderer::{HUNG_AFTER, Settings};
+use crate::settings::{HUNG_AFTER, Settings};
 use crate::targets::COUNTER_WORDS;
 use crate::{RenderError, shaders};
 
@@ -21,7 +21,8 @@ use crate::{RenderError, shaders};
 pub(crate) struct View<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) settings: &'a Settings,
-    pub(crate) projectors: &'a [Projector],
+    /// What each projector shows, in order.
+    pub(crate) pictures: Vec<Arc<Buffer>>,
 }
 
 /// Renders the view from `eye` toward the middle of the props, as wide as they are.
@@ -36,7 +37,7 @@ pub(crate) fn render(
     let (low, high) = props_bounds(view.scene);
     let camera = look_at(eye, low, high, size_px)?;
     let frustum = GpuFrustum::new(&Frustum::new(camera), view.scene.origin_m);
-    let frame = GpuFrame::new(frustum, view.scene, &[eye], view.settings, (0, view.projectors.len()));
+    let frame = GpuFrame::new(frustum, view.scene, &[eye], view.settings, (0, view.pictures.len()));
 
     let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
     let frame_buffer = Buffer::new(device, "room/frame", BufferKind::Uniform, size_of::<GpuFrame>() as u64)?;
@@ -50,13 +51,13 @@ pub(crate) fn render(
     recorder.upload(&state, 0, bytemuck::cast_slice(&sample_state("room", view.settings.samples)))?;
     recorder.fill(&seen, 0)?;
     recorder.fill(&counters, 0)?;
-    for (index, projector) in view.projectors.iter().enumerate() {
+    for (index, picture) in view.pictures.iter().enumerate() {
         let bindings = shared
             .clone()
             .with_buffer("Frame", &frame_buffer)
             .with_buffer("SampleState", &state)
             .with_buffer("Counters", &counters)
-            .with_buffer("Color", &projector.targets.color)
+            .with_buffer("Color", picture)
             .with_buffer("Room", &seen)
             .bind(&*pipelines.room, &[&shaders::ROOM_COMP])?;
         for sample in 0..view.settings.samples {

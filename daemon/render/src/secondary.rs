@@ -4,7 +4,7 @@
 
 use lantern_gpu::{GpuError, Recorder};
 
-use crate::projector::Bound;
+use crate::bound::Bound;
 use crate::targets::Targets;
 
 /// Records the pass.

@@ -14,11 +14,10 @@ use crate::barrier::{Covered, Gathered};
 use crate::binding::{Bindings, layout_of};
 use crate::buffer::{Buffer, BufferKind};
 use crate::device::Device;
-use crate::encoder::Encoder;
+use crate::encoder::{Encoder, QUERIES};
 use crate::error::GpuError;
 use crate::layout::Layout;
 use crate::pipeline::ComputePipeline;
-use crate::timestamp::QUERIES;
 use recording::Recording;
 use uses::Uses;
 

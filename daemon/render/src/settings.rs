@@ -1,0 +1,57 @@
+//! How to render, and for whom: what the configuration decides.
+
+use std::time::Duration;
+
+use lantern_calibration::Calibration;
+
+/// A projector as the configuration has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProjectorSpec {
+    /// Its name; also the seed of its jitter.
+    pub name: String,
+    /// Its matrix, depth convention and resolution.
+    pub calibration: Calibration,
+}
+
+/// When raster nodes are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RasterOrder {
+    /// Before the traced image.
+    Before,
+    /// After it.
+    #[default]
+    After,
+}
+
+/// How to render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Samples a pixel: 1, 4, 9, 16, … 256.
+    pub samples: u32,
+    /// Secondary rays deep.
+    pub max_depth: u32,
+    /// When raster nodes are drawn.
+    pub raster: RasterOrder,
+    /// Whether projectors share the light of what several of them reach.
+    pub blend: bool,
+    /// Count rays by kind.
+    pub count_rays: bool,
+    /// The naive method: reflect each projector's own ray. For the test that shows it to be wrong.
+    pub eye_at_projector: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            samples: 4,
+            max_depth: 8,
+            raster: RasterOrder::After,
+            blend: true,
+            count_rays: false,
+            eye_at_projector: false,
+        }
+    }
+}
+
+/// Longer than any frame, even of a software driver: what takes longer has hung.
+pub(crate) const HUNG_AFTER: Duration = Duration::from_secs(60);
