@@ -60,7 +60,7 @@ bool viewer_of(Surface s, out vec3 eye) {
     for (uint i = 0u; i < frame.viewer_count; ++i) {
         vec3 way = frame.viewers[i].xyz - s.position;
         float d = length(way);
-        if (d < nearest && dot(way, s.normal) > 0.0 && dot(way, s.normal_geometric) > 0.0) {
+        if (d < nearest && dot(way, s.normal) > 0.0) {
             nearest = d;
             eye = frame.viewers[i].xyz;
         }

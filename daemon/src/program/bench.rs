@@ -101,9 +101,9 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
     progress.finish();
     let done = Done { device: &device, loaded: &loaded, settings: &settings, cases: &cases, frames, gpu_bytes };
     if as_json {
-        println!("{}", serde_json::to_string_pretty(&to_json(&done))?);
+        say!("{}", serde_json::to_string_pretty(&to_json(&done))?);
     } else {
-        println!("{}", to_text(&done));
+        say!("{}", to_text(&done));
     }
     Ok(())
 }

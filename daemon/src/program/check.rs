@@ -25,7 +25,7 @@ pub fn check(path: &Path, as_json: bool) -> anyhow::Result<bool> {
         Ok(loaded) => {
             let projectors: Vec<Seen> = loaded.projectors.iter().map(|p| see(p, &loaded.editor.current())).collect();
             if as_json {
-                println!("{}", serde_json::to_string_pretty(&to_json(path, &loaded, &projectors))?);
+                say!("{}", serde_json::to_string_pretty(&to_json(path, &loaded, &projectors))?);
             } else {
                 print_text(path, &loaded, &projectors);
             }
@@ -37,7 +37,7 @@ pub fn check(path: &Path, as_json: bool) -> anyhow::Result<bool> {
                     .iter()
                     .map(|p| json!({ "file": p.file, "line": p.line, "column": p.column, "message": p.message, "hint": p.hint }))
                     .collect();
-                println!("{}", serde_json::to_string_pretty(&json!({ "ok": false, "problems": all }))?);
+                say!("{}", serde_json::to_string_pretty(&json!({ "ok": false, "problems": all }))?);
             } else {
                 for problem in &problems {
                     eprintln!("{problem}");
@@ -116,7 +116,7 @@ fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
 
 fn print_text(path: &Path, loaded: &Loaded, projectors: &[Seen]) {
     let scene = loaded.editor.current();
-    println!(
+    say!(
         "{}: good. {} nodes, {} triangles, {:.1} MiB on the device.",
         path.display(),
         scene.nodes.len(),
@@ -124,11 +124,11 @@ fn print_text(path: &Path, loaded: &Loaded, projectors: &[Seen]) {
         scene.device_bytes() as f64 / f64::from(1 << 20)
     );
     for seen in projectors {
-        println!("\nprojector {:?}\n{}", seen.name, seen.description);
-        println!("{:.1} % of its pixels hit a prop, {:.1} % a mask.", seen.on_props * 100.0, seen.on_masks * 100.0);
+        say!("\nprojector {:?}\n{}", seen.name, seen.description);
+        say!("{:.1} % of its pixels hit a prop, {:.1} % a mask.", seen.on_props * 100.0, seen.on_masks * 100.0);
     }
     for warning in warnings(loaded, projectors) {
-        println!("\nwarning: {warning}");
+        say!("\nwarning: {warning}");
     }
 }
 

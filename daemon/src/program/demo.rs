@@ -39,7 +39,7 @@ pub fn demo(out: &Path, frames: u32) -> anyhow::Result<()> {
     fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
     let config = config()?;
     let device = open_device(&open_vulkan()?, &config)?;
-    println!("device: {} ({})", device.info().name, device.info().driver_info);
+    say!("device: {} ({})", device.info().name, device.info().driver_info);
 
     let progress = Progress::new(3 + EYES.len() as u64 * 4 + u64::from(frames));
     let step = |what: &str| progress.step(what);
@@ -85,22 +85,22 @@ pub fn demo(out: &Path, frames: u32) -> anyhow::Result<()> {
     let walk = walk(&mut renderer, frames, || step("the eye walks"))?;
     progress.finish();
 
-    println!("wrote:");
+    say!("wrote:");
     for path in &written {
-        println!("  {}", path.display());
+        say!("  {}", path.display());
     }
     if let Some(first) = first_picture {
-        println!("first picture {:.1} s after the start", first.as_secs_f64());
+        say!("first picture {:.1} s after the start", first.as_secs_f64());
     }
     if frames > 0 {
-        println!(
+        say!(
             "{frames} frames with a moving eye: {:.1} ms a frame of {} projectors, {:.2} frames/s",
             walk * 1e3,
             renderer.projectors().len(),
             1.0 / walk
         );
     }
-    println!("the room as each eye sees it, and what each projector shows for it: contact-sheet.png");
+    say!("the room as each eye sees it, and what each projector shows for it: contact-sheet.png");
     Ok(())
 }
 

@@ -17,10 +17,10 @@ pub fn devices(as_json: bool) -> anyhow::Result<()> {
     let devices = open_vulkan()?.devices()?;
     if as_json {
         let all: Vec<Value> = devices.iter().map(to_json).collect();
-        println!("{}", serde_json::to_string_pretty(&json!({ "devices": all }))?);
+        say!("{}", serde_json::to_string_pretty(&json!({ "devices": all }))?);
     } else {
         for device in &devices {
-            println!("{}", to_text(device));
+            say!("{}", to_text(device));
         }
     }
     Ok(())

@@ -86,11 +86,11 @@ struct Tree<'a> {
     radiance: DVec3,
 }
 
-/// The nearest viewer in front of both normals.
+/// The nearest viewer in front of the shading normal.
 pub fn viewer_of(s: &Surface, viewers_m: &[DVec3]) -> Option<DVec3> {
     let before = |eye_m: &&DVec3| {
         let way = **eye_m - s.position_m;
-        way.dot(s.normal) > 0.0 && way.dot(s.normal_geometric) > 0.0
+        way.dot(s.normal) > 0.0
     };
     let nearer = |a: &&DVec3, b: &&DVec3| a.distance(s.position_m).total_cmp(&b.distance(s.position_m));
     viewers_m.iter().filter(before).min_by(nearer).copied()
