@@ -276,21 +276,27 @@ fn lines_that_cannot_be_read_and_lines_too_long() {
 #[test]
 fn more_clients_than_there_are_places_are_told() {
     let daemon = Daemon::start(&lab::room_with("[limits]\nmax_clients = 2\n")).unwrap();
-    let served = |client: &mut Client| client.status().is_ok();
-    let (mut first, mut second) = (daemon.client().unwrap(), daemon.client().unwrap());
-    assert!(served(&mut first) && served(&mut second));
+    // Places are free again a moment after their clients have gone.
+    let in_time = || {
+        let started = Instant::now();
+        loop {
+            let mut client = daemon.client().unwrap();
+            if client.status().is_ok() {
+                return client;
+            }
+            assert!(started.elapsed() < Duration::from_secs(10), "no place is free");
+        }
+    };
+    let (mut first, second) = (in_time(), in_time());
     let mut third = daemon.client().unwrap();
     let told = third.line().unwrap().unwrap();
     assert_eq!((&told["id"], &told["error"]["code"]), (&Value::Null, &json!("too-many-clients")));
     assert_eq!(third.line().unwrap(), None);
-    assert!(served(&mut first));
+    assert!(first.status().is_ok());
 
     // Who goes leaves a place.
     drop(second);
-    let started = Instant::now();
-    while !daemon.client().is_ok_and(|mut client| served(&mut client)) {
-        assert!(started.elapsed() < Duration::from_secs(10), "no place is free");
-    }
+    in_time();
 }
 
 #[test]
@@ -308,7 +314,10 @@ fn a_client_that_never_reads_is_dropped_while_others_go_on() {
     let mut deaf = daemon.client().unwrap();
     let request = b"{\"id\": 1, \"op\": \"snapshot\", \"projector\": \"left\", \"layer\": \"radiance\"}\n";
     for _ in 0..400 {
-        deaf.send(request).unwrap();
+        // It may be dropped before it has asked for everything.
+        if deaf.send(request).is_err() {
+            break;
+        }
     }
     let mut client = daemon.client().unwrap();
     let started = Instant::now();
