@@ -22,12 +22,16 @@ layout(std430, binding = 28) buffer Live {
 };
 
 const uint LIVE_GROUP = 64u;
+// Workgroups in x, after which they go on in y: every device takes 65,535 in each.
+const uint LIVE_GROUPS_X = 32768u;
 
 void append(uint index) {
     uint at = atomicAdd(live_count, 1u);
     live[at] = index;
     if (at % LIVE_GROUP == 0u) {
-        atomicMax(live_groups.x, at / LIVE_GROUP + 1u);
+        uint group = at / LIVE_GROUP;
+        atomicMax(live_groups.x, min(group + 1u, LIVE_GROUPS_X));
+        atomicMax(live_groups.y, group / LIVE_GROUPS_X + 1u);
     }
 }
 
@@ -47,7 +51,7 @@ void main() {
             if (depends_on_eye(s) || frame.virtual_count > 0u) {
                 append(index);
             }
-            radiance = s.emissive;
+            radiance = under_coat(s) * s.emissive;
             vec3 diffuse = diffuse_color(s);
             if (max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0) {
                 vec3 sum = irradiance_over_pi(s.normal);

@@ -28,7 +28,7 @@ void main() {
     float t_max;
     frustum_ray(frame.frustum, at_px, origin, direction, t_max);
     turn_to(s, direction);
-    vec3 sum = s.emissive + diffuse_color(s) * irradiance_over_pi(s.normal);
+    vec3 sum = under_coat(s) * s.emissive + diffuse_color(s) * irradiance_over_pi(s.normal);
     for (uint i = 0u; i < frame.light_count; ++i) {
         vec3 l;
         float distance_m;

@@ -115,7 +115,7 @@ vec3 shade(Sight sight, const uvec2 pixel, int turn) {
     vec3 radiance = vec3(0.0);
     float n_v = max(dot(s.normal, v), 1e-4);
 
-    // The coat reflects first; what is below it gets the rest.
+    // The coat reflects first; the specular lobe below it gets the rest.
     float coat = s.clearcoat > 0.0 && !inside && turn != TAKE_BACK ? s.clearcoat * fresnel_dielectric(n_v, 1.5) : 0.0;
 
     // Lights: one shadow ray each serves the diffuse part (not at the point: another pass has it) and the highlights.
@@ -123,7 +123,7 @@ vec3 shade(Sight sight, const uvec2 pixel, int turn) {
     bool has_lobe = turn != TAKE_BACK && (specular_scale(s) > 0.0 && s.roughness >= MIRROR_ROUGHNESS ||
                                           s.clearcoat > 0.0 && s.clearcoat_roughness >= MIRROR_ROUGHNESS);
     if (turn != POINT) {
-        radiance += throughput * (1.0 - coat) * (s.emissive + diffuse * irradiance_over_pi(s.normal));
+        radiance += throughput * (under_coat(s) * s.emissive + diffuse * irradiance_over_pi(s.normal));
     }
     uint light_count = has_lobe || max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0 ? frame.light_count : 0u;
     uint i = 0u;
@@ -132,13 +132,12 @@ vec3 shade(Sight sight, const uvec2 pixel, int turn) {
         vec3 lux = i < light_count ? arriving(light_of(i), s, l) : vec3(0.0);
         if (max(lux.x, max(lux.y, lux.z)) > 0.0) {
             vec3 response = diffuse * (max(dot(s.normal, l), 0.0) / PI);
-            vec3 over = vec3(0.0);
             if (has_lobe) {
                 float v_h = max(dot(v, normalize(v + l)), 0.0);
-                response += highlight(s.normal, v, l, s.roughness, base_fresnel(s, v_h, inside));
-                over = s.clearcoat * highlight(s.normal, v, l, s.clearcoat_roughness, vec3(fresnel_dielectric(v_h, 1.5)));
+                response += (1.0 - coat) * highlight(s.normal, v, l, s.roughness, base_fresnel(s, v_h, inside));
+                response += s.clearcoat * highlight(s.normal, v, l, s.clearcoat_roughness, vec3(fresnel_dielectric(v_h, 1.5)));
             }
-            radiance += throughput * lux * ((1.0 - coat) * response + over);
+            radiance += throughput * lux * response;
         }
         if (++i >= light_count) {
             break;
@@ -183,10 +182,11 @@ vec3 shade(Sight sight, const uvec2 pixel, int turn) {
 }
 
 void main() {
-    if (gl_GlobalInvocationID.x >= live_count) {
+    uint at = gl_GlobalInvocationID.y * gl_NumWorkGroups.x * gl_WorkGroupSize.x + gl_GlobalInvocationID.x;
+    if (at >= live_count) {
         return;
     }
-    uint index = live[gl_GlobalInvocationID.x];
+    uint index = live[at];
     uvec2 pixel = pixel_of(index);
     Ray primary = sample_ray(pixel, push.sample_index);
     Sight point;

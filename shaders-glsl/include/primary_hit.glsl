@@ -33,21 +33,25 @@ Ray sample_ray(uvec2 pixel, uint s) {
     return ray;
 }
 
-// Distance and barycentrics of a ray that is known to meet this triangle.
-float meet_again(Ray ray, uint instance, uint triangle, out vec2 barycentric) {
+// Barycentrics of a ray that is known to meet this triangle. It is not asked again whether: another pipeline may round otherwise.
+vec2 meet_again(Ray ray, uint instance, uint triangle) {
     int at = (int(instance_words(instance).triangle_base) + int(triangle)) * 3;
     vec4 row0, row1, row2;
     instance_rows(instance, 3, row0, row1, row2);
-    return intersect_triangle(transform_point(row0, row1, row2, ray.origin), transform_vector(row0, row1, row2, ray.direction),
-                              texelFetch(triangles, at).xyz, texelFetch(triangles, at + 1).xyz, texelFetch(triangles, at + 2).xyz,
-                              barycentric);
+    vec3 direction = transform_vector(row0, row1, row2, ray.direction);
+    vec3 e1 = texelFetch(triangles, at + 1).xyz;
+    vec3 e2 = texelFetch(triangles, at + 2).xyz;
+    vec3 s = transform_point(row0, row1, row2, ray.origin) - texelFetch(triangles, at).xyz;
+    vec3 p = cross(direction, e2);
+    float det = dot(e1, p);
+    vec2 barycentric = det == 0.0 ? vec2(0.0) : vec2(dot(s, p), dot(direction, cross(s, e1))) / det;
+    barycentric = max(barycentric, vec2(0.0));
+    return barycentric / max(barycentric.x + barycentric.y, 1.0);
 }
 
 // The surface that a primary ray met, both normals turned to the side that the projector lights.
 Surface lit_surface(Ray ray, uvec2 found, out bool from_inside) {
-    vec2 barycentric;
-    meet_again(ray, found.x, found.y, barycentric);
-    Surface s = surface_at(found.x, found.y, barycentric);
+    Surface s = surface_at(found.x, found.y, meet_again(ray, found.x, found.y));
     from_inside = turn_to(s, ray.direction);
     return s;
 }

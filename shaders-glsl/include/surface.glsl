@@ -182,9 +182,14 @@ float dielectric_f0(Surface s) {
     return r * r * s.specular;
 }
 
-// The diffuse albedo: what the specular lobe and transmission leave, with no dependence on the eye.
+// What a clear coat leaves for the diffuse light and the emission below it, with no dependence on the eye: its loss at normal incidence.
+float under_coat(Surface s) {
+    return 1.0 - 0.04 * s.clearcoat;
+}
+
+// The diffuse albedo: what coat, specular lobe and transmission leave, with no dependence on the eye.
 vec3 diffuse_color(Surface s) {
-    return s.base * (1.0 - s.metallic) * (1.0 - s.transmission) * (1.0 - dielectric_f0(s) * specular_scale(s));
+    return under_coat(s) * s.base * (1.0 - s.metallic) * (1.0 - s.transmission) * (1.0 - dielectric_f0(s) * specular_scale(s));
 }
 
 // Whether anything of this surface changes when the eye moves.

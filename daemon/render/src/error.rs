@@ -17,12 +17,4 @@ pub enum RenderError {
     /// The eye stands where no camera can look at the props.
     #[error("the room's camera: {0}")]
     Camera(#[from] lantern_calibration::CalibrationError),
-    /// The GPU did not finish in time.
-    #[error("projector {projector}: the frame did not finish within {seconds} s")]
-    Hung {
-        /// The projector's name.
-        projector: String,
-        /// How long was waited.
-        seconds: u64,
-    },
 }

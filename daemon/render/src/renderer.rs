@@ -170,6 +170,11 @@ impl Renderer {
         Ok(())
     }
 
+    /// The test patterns that are shown, by projector.
+    pub fn patterns(&self) -> impl Iterator<Item = (&str, Pattern)> {
+        self.projectors.iter().map(|p| (p.spec.name.as_str(), p.pattern))
+    }
+
     /// Renders what is stale. `newest_viewers` is asked twice: to learn whether an eye has moved, and again right before the
     /// submissions, whose frames all show what that second answer says. `None`: nothing was stale, nothing was submitted.
     ///
@@ -186,7 +191,11 @@ impl Renderer {
         if !self.projectors.iter().any(|p| p.stale.any()) {
             return Ok(None);
         }
-        let uploaded = self.upload().inspect_err(|_| self.scene_buffers.forget())?;
+        let uploaded = self.upload().inspect_err(|_| {
+            // Some buffers may be others already, so nothing that was bound before may be used again.
+            self.scene_buffers.forget();
+            self.rebind = true;
+        })?;
 
         // Everything is recorded before the pose is read, so that nothing but a small write lies between the two.
         let (device, settings) = (&self.device, &self.settings);
@@ -207,23 +216,23 @@ impl Renderer {
             self.projectors[*index].write_frame(&self.scene, &viewers, &self.settings, (*index, count))?;
         }
         let wait_for: Vec<&Submission> = uploaded.iter().collect();
+        let begun = Instant::now();
         let mut flying = Vec::new();
         for (index, seen, shown) in recorded {
-            let submitted = Instant::now();
             let seen = seen.map(|seen| self.device.submit(seen, &wait_for)).transpose()?;
-            flying.push((index, seen, shown, submitted));
+            flying.push((index, seen, shown));
         }
         let mut landing = Vec::new();
-        for (index, seen, shown, submitted) in flying {
+        for (index, seen, shown) in flying {
             let shown = self.device.submit(shown, &wait_for)?;
-            landing.push((index, seen, shown, submitted, submitted.duration_since(read)));
+            landing.push((index, seen, shown, read.elapsed()));
         }
 
         // The frame is whole when the last projector's part of it is.
         let mut reports = Vec::new();
-        for (index, seen, shown, submitted, pose_to_submit) in landing {
+        for (index, seen, shown, pose_to_submit) in landing {
             shown.wait(HUNG_AFTER)?;
-            let frame_ms = submitted.elapsed().as_secs_f64() * 1e3;
+            let frame_ms = begun.elapsed().as_secs_f64() * 1e3;
             reports.push(ProjectorReport {
                 projector: index,
                 frame_ms,

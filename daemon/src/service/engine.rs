@@ -171,14 +171,15 @@ impl Engine for DaemonEngine {
         let stats = self.links.stats.all();
         let config = self.config();
         let projectors = config.projectors.iter().enumerate().map(|(index, projector)| {
-            let queue = self.device.queue(index);
+            let (queue, queues) = (self.device.queue(index), self.device.queue_count());
+            let shared = (0..config.projectors.len()).any(|other| other != index && other % queues == index % queues);
             let seen = stats.get(&projector.name).cloned().unwrap_or_default();
             let status = ProjectorStatus {
                 resolution_px: projector.resolution_px,
                 output: "headless".to_owned(),
                 frames: seen.frames,
                 missed: seen.missed,
-                queue: QueueStatus { family: queue.family, index: queue.index, shared: queue.shared },
+                queue: QueueStatus { family: queue.family, index: queue.index, shared },
                 frame_ms: seen.frame_ms(),
                 stages_ms: seen.stages_ms,
                 pose_to_submit_ms: seen.pose_to_submit_ms,

@@ -249,6 +249,13 @@ impl FrameThread {
     fn reconfigure(&mut self, setup: Setup) -> Ended {
         let began = Instant::now();
         let mut renderer = Renderer::new(&self.device, setup.projectors, setup.settings, setup.scene)?;
+        // Whoever aligns a projector reloads its calibration under a test pattern, which stays.
+        let names: Vec<_> = renderer.projectors().map(|p| p.name.clone()).collect();
+        for (name, pattern) in self.renderer.patterns() {
+            if let Some(index) = names.iter().position(|n| n == name) {
+                renderer.set_pattern(index, pattern)?;
+            }
+        }
         let report = renderer.render(|| eyes(&self.links.bodies))?;
         self.links.shared.publish_shown(renderer.scene());
         self.renderer = renderer;
@@ -265,7 +272,7 @@ impl FrameThread {
 /// Whether nothing can be shown any more, whatever the scene.
 fn is_fatal(error: &RenderError) -> bool {
     use lantern_gpu::GpuError::{DeviceLost, Timeout};
-    matches!(error, RenderError::Gpu(DeviceLost { .. } | Timeout { .. }) | RenderError::Hung { .. })
+    matches!(error, RenderError::Gpu(DeviceLost { .. } | Timeout { .. }))
 }
 
 /// Where the eyes are now, world frame, m.

@@ -22,6 +22,9 @@ pub fn open_vulkan() -> anyhow::Result<Arc<Instance>> {
     Instance::new(validation).context("cannot start Vulkan")
 }
 
+/// Queues that are opened where the device has them, though fewer projectors be there: a reload may bring more.
+const MANY_QUEUES: usize = 16;
+
 /// Opens the device that the configuration asks for, with a queue for each projector where it has so many.
 ///
 /// # Errors
@@ -29,6 +32,6 @@ pub fn open_vulkan() -> anyhow::Result<Arc<Instance>> {
 pub fn open_device(instance: &Arc<Instance>, config: &lantern_config::Config) -> anyhow::Result<Arc<Device>> {
     let cache = setup::cache_dir();
     let select = config.device.select.as_deref();
-    Device::open(instance, select, config.projectors.len() as u32, cache.as_deref())
+    Device::open(instance, select, config.projectors.len().max(MANY_QUEUES) as u32, cache.as_deref())
         .context("cannot open a Vulkan device")
 }

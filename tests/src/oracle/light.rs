@@ -101,7 +101,10 @@ pub fn eye_independent(world: &World, s: &Surface) -> DVec3 {
         .map(|light| arriving(world, light, s))
         .map(|arrival| arrival.lux * (s.normal.dot(arrival.to_light).max(0.0) / PI))
         .sum();
-    s.emissive + diffuse * (direct + irradiance_over_pi(&world.scene().environment, s.normal))
+    let below = s.emissive + diffuse * (direct + irradiance_over_pi(&world.scene().environment, s.normal));
+
+    // What a clear coat leaves, as at normal incidence: the eye must not matter here.
+    (1.0 - 0.04 * s.clearcoat) * below
 }
 
 #[cfg(test)]

@@ -173,7 +173,7 @@ impl Tree<'_> {
 
     /// The eye-independent light of a surface, under its coat.
     fn emit(&mut self, view: &View) {
-        self.radiance += view.throughput * (1.0 - view.coat()) * eye_independent(self.world, view.s);
+        self.radiance += view.throughput * eye_independent(self.world, view.s);
     }
 
     /// Highlights, and a ray for each way that light leaves by.
