@@ -14,6 +14,9 @@ use crate::release::Release;
 use crate::select;
 use crate::ticket::Ticket;
 
+/// How long the end of a process may wait for a device that has hung.
+const DROP_PATIENCE: Duration = Duration::from_secs(10);
+
 /// An opened device.
 pub struct Device {
     pub(crate) handle: Arc<DeviceHandle>,
@@ -95,12 +98,20 @@ impl Device {
     /// # Errors
     /// [`GpuError::DeviceLost`].
     pub fn wait_idle(&self) -> Result<(), GpuError> {
+        while !self.rests_within(Duration::from_secs(3600))? {}
+        Ok(())
+    }
+
+    /// The same, for so long a queue at most: false where one still works.
+    fn rests_within(&self, patience: Duration) -> Result<bool, GpuError> {
         for queue in &self.queues {
             // Waiting for the timeline rather than the queue leaves others free to submit meanwhile.
             let last = *queue.last.lock().unwrap_or_else(PoisonError::into_inner);
-            while !queue.timeline.wait(last, Duration::from_secs(3600))? {}
+            if !queue.timeline.wait(last, patience)? {
+                return Ok(false);
+            }
         }
-        self.release.collect()
+        self.release.collect().map(|()| true)
     }
 
     pub(crate) fn handle(&self) -> &Arc<DeviceHandle> {
@@ -124,11 +135,11 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        match self.wait_idle() {
+        match self.rests_within(DROP_PATIENCE) {
             // SAFETY: all work has completed, or the device is lost and does no more.
-            Ok(()) | Err(GpuError::DeviceLost { .. }) => unsafe { self.release.clear() },
-            Err(error) => {
-                tracing::error!(%error, "a device that does not come to rest keeps what it uses");
+            Ok(true) | Err(GpuError::DeviceLost { .. }) => unsafe { self.release.clear() },
+            hung => {
+                tracing::error!(?hung, "a device that does not come to rest keeps what it uses");
                 self.release.leak();
             }
         }

@@ -332,8 +332,8 @@ impl Engine for DaemonEngine {
         *self.config() = config;
 
         // What was kept belongs to the scene section that has gone.
-        if !same_scene {
-            self.keep(&scene)?;
+        if !same_scene && let Err(error) = self.keep(&scene) {
+            tracing::warn!("reloaded, but a restart will not find this scene: {}", error.message);
         }
         tracing::info!(revision = scene.revision, "reloaded");
         Ok(Reloaded { revision: scene.revision })

@@ -81,6 +81,8 @@ struct FrameThread {
     frames: Option<u64>,
     /// Frames of the whole set so far.
     frame: u64,
+    /// The last refresh that counted as a picture that stayed.
+    counted_refresh: u64,
     /// Whether bodies have yet to move their nodes, because an edit in the making has the editor.
     behind: bool,
 }
@@ -94,7 +96,7 @@ impl FrameThread {
         let clock = clock_of(&setup.refresh_hz);
         let renderer = Renderer::new(&device, setup.projectors, setup.settings, setup.scene)?;
         links.stats.set_projectors(renderer.projectors().map(|p| p.name.as_str()));
-        Ok(Self { device, renderer, links, clock, frames, frame: 0, behind: false })
+        Ok(Self { device, renderer, links, clock, frames, frame: 0, counted_refresh: 0, behind: false })
     }
 
     fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Ended {
@@ -157,8 +159,11 @@ impl FrameThread {
             self.frame += 1;
             self.count(report, began);
         } else {
-            let revision = self.renderer.scene().revision;
-            self.links.stats.unchanged(revision, self.frames.is_some());
+            // A picture that stays counts as shown once a refresh, however often the thread is woken meanwhile.
+            let refresh = self.clock.refreshes(began);
+            let counts = self.frames.is_some() && refresh > self.counted_refresh;
+            self.counted_refresh = self.counted_refresh.max(refresh);
+            self.links.stats.unchanged(self.renderer.scene().revision, counts);
         }
         Ok(report.is_some())
     }
@@ -261,6 +266,7 @@ impl FrameThread {
         self.renderer = renderer;
         self.links.stats.set_projectors(self.renderer.projectors().map(|p| p.name.as_str()));
         self.clock = clock_of(&setup.refresh_hz);
+        self.counted_refresh = 0;
         if let Some(report) = report {
             self.frame += 1;
             self.count(&report, began);
