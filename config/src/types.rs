@@ -195,6 +195,8 @@ pub struct Limits {
     pub max_clients: u32,
     /// Nodes of the scene, those inside files counted. Default 65536.
     pub max_nodes: u32,
+    /// Lights that shine, those inside files counted. Default 64.
+    pub max_lights: u32,
     /// Triangles of all meshes, each counted once however often it is placed. Default 16 million.
     pub max_triangles: u64,
     /// Texels of all textures. Default 64 Mi.
@@ -205,6 +207,13 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { max_clients: 16, max_nodes: 65_536, max_triangles: 16_000_000, max_texels: 1 << 26, max_file_mib: 1024 }
+        Self {
+            max_clients: 16,
+            max_nodes: 65_536,
+            max_lights: 64,
+            max_triangles: 16_000_000,
+            max_texels: 1 << 26,
+            max_file_mib: 1024,
+        }
     }
 }

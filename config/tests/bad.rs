@@ -145,6 +145,8 @@ fn numbers_must_be_in_range() {
     one("[scene]", &render("samples = 0"), "1 to 256");
     one("[scene]", &render("samples = 99999999999999999999"), "1 to 256");
     one("[scene]", &render("max_depth = -1"), "0 to 64");
+    one("[scene]", "[limits]\nmax_lights = 0\n[scene]", "1 to 4096");
+    one("[scene]", "[limits]\nmax_lights = 4097\n[scene]", "1 to 4096");
     one("[scene]", &render("raster = \"later\""), "did you mean \"after\"?");
     one("uri =", "rotation = [0, 0, 0, 2]\nuri =", "norm 2");
     one("uri =", "scale = [1, 0, 1]\nuri =", "not 0");

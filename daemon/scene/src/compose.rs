@@ -10,7 +10,6 @@ use obvhs::aabb::Aabb;
 use crate::asset::Asset;
 use crate::bvh::Bvh;
 use crate::edit::MAX_DISTANCE_M;
-use crate::limits::Limits;
 use crate::mesh::Mesh;
 use crate::pack::{
     GpuGeometry, GpuInstance, GpuMaterial, GpuTop, INSTANCE_OPAQUE, NO_TEXTURE, ROLE_MASK, ROLE_PROP, ROLE_RASTER,
@@ -27,10 +26,6 @@ const ORIGIN_REACH_M: f64 = 1000.0;
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub(crate) enum ComposeError {
     #[error(
-        "{what} of all nodes together are {count}, above the limit of {limit}; hint: remove nodes, or load simpler files"
-    )]
-    TooLarge { what: &'static str, count: usize, limit: usize },
-    #[error(
         "node {node:?} is placed, scaled or squeezed beyond what can be computed with; hint: check its transform and those inside its file"
     )]
     Transform { node: String },
@@ -38,18 +33,14 @@ pub(crate) enum ComposeError {
 
 impl ComposeError {
     pub(crate) fn code(&self) -> &'static str {
-        match self {
-            Self::TooLarge { .. } => "too-large",
-            Self::Transform { .. } => "bad-transform",
-        }
+        "bad-transform"
     }
 }
 
 /// Brings every derived section of `draft` up to date with its nodes and lights. The draft comes as a clone of the
 /// revision before, changed; sections whose input did not change keep their `Arc`.
-pub(crate) fn compose(draft: &mut Scene, limits: &Limits) -> Result<(), ComposeError> {
+pub(crate) fn compose(draft: &mut Scene) -> Result<(), ComposeError> {
     let assets = assets_in_use(&draft.nodes);
-    check_limits(&draft.nodes, &assets, limits)?;
 
     // The geometry and textures depend on which assets are in use, and on nothing else.
     let same = assets.len() == draft.parts.assets.len()
@@ -89,19 +80,6 @@ fn assets_in_use(nodes: &[Node]) -> Vec<Arc<Asset>> {
         }
     }
     assets
-}
-
-fn check_limits(nodes: &[Node], assets: &[Arc<Asset>], limits: &Limits) -> Result<(), ComposeError> {
-    let placed = nodes.iter().map(|node| node.asset.parts.len() + node.asset.lights.len()).sum::<usize>();
-    let counts = [
-        ("triangles", assets.iter().map(|asset| asset.triangle_count()).sum(), limits.max_triangles),
-        ("texels", assets.iter().map(|asset| asset.texel_count()).sum(), limits.max_texels),
-        ("placed meshes and lights", placed.max(nodes.len()), limits.max_nodes),
-    ];
-    match counts.into_iter().find(|(_, count, limit)| count > limit) {
-        Some((what, count, limit)) => Err(ComposeError::TooLarge { what, count, limit }),
-        None => Ok(()),
-    }
 }
 
 /// Concatenates the meshes of all assets.

@@ -77,6 +77,7 @@ impl From<&config::Limits> for Limits {
             max_triangles: count(limits.max_triangles),
             max_texels: count(limits.max_texels),
             max_nodes: limits.max_nodes as usize,
+            max_lights: limits.max_lights as usize,
         }
     }
 }

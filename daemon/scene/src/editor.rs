@@ -8,6 +8,7 @@ use lantern_config as config;
 use lantern_proto as proto;
 use lantern_proto::Edit;
 
+use crate::by_name::{apply_light, apply_material};
 use crate::compose::{ComposeError, compose};
 use crate::edit::{
     EditError, Fault, bad_value, checked_name, checked_rotation, checked_scale, checked_translation, name_of, nearest,
@@ -17,10 +18,10 @@ use crate::file::Access;
 use crate::library::Library;
 use crate::light::LightState;
 use crate::limits::Limits;
-use crate::material;
 use crate::pack::{GpuGeometry, GpuTextures, GpuTop};
 use crate::scene::{EnvironmentSource, Node, Parts, Scene};
 use crate::top::Top;
+use crate::totals::Totals;
 
 /// Holds the newest revision and makes the next.
 #[derive(Clone, Debug)]
@@ -85,23 +86,21 @@ impl Editor {
         let black = scene.environment.is_none().then_some(black);
         let folders = [base_dir.to_owned()];
         let limits_before = std::mem::replace(&mut self.limits, limits);
-        let mut problems = vec![];
+        let (mut totals, mut problems) = (Totals::of(&draft), vec![]);
         for (at, edit) in black.into_iter().chain(crate::configured::edits(scene)) {
-            if let Err(fault) = self.take(&mut draft, &edit, Access::Anywhere(&folders)) {
+            if let Err(fault) = self.take(&mut draft, &mut totals, &edit, Access::Anywhere(&folders)) {
                 problems.push(SceneProblem { code: fault.code, at, field: fault.field, message: fault.message });
             }
         }
         if problems.is_empty() {
-            match compose(&mut draft, &limits) {
+            match compose(&mut draft) {
                 Ok(()) => {
                     self.asset_roots = canonical(&asset_roots);
                     return Ok(self.publish(draft));
                 }
                 Err(error) => {
-                    let at = match &error {
-                        ComposeError::Transform { node } => format!("scene.node {node:?}"),
-                        ComposeError::TooLarge { .. } => "scene".to_owned(),
-                    };
+                    let ComposeError::Transform { node } = &error;
+                    let at = format!("scene.node {node:?}");
                     problems.push(SceneProblem { code: error.code(), at, field: "", message: error.to_string() });
                 }
             }
@@ -164,10 +163,11 @@ impl Editor {
             return Ok(self.current());
         }
         let mut draft = Scene::clone(&self.current);
+        let mut totals = Totals::of(&draft);
         for (index, edit) in edits.iter().enumerate() {
-            self.take(&mut draft, edit, access).map_err(|fault| fault.at(index))?;
+            self.take(&mut draft, &mut totals, edit, access).map_err(|fault| fault.at(index))?;
         }
-        compose(&mut draft, &self.limits).map_err(|error| locate(error, edits))?;
+        compose(&mut draft).map_err(|error| locate(error, edits))?;
         Ok(self.publish(draft))
     }
 
@@ -197,17 +197,22 @@ impl Editor {
     }
 
     /// Brings one edit into the draft; derived sections are left to [`compose`].
-    fn take(&mut self, draft: &mut Scene, edit: &Edit, access: Access<'_>) -> Result<(), Fault> {
+    fn take(&mut self, draft: &mut Scene, totals: &mut Totals, edit: &Edit, access: Access<'_>) -> Result<(), Fault> {
         match edit {
-            Edit::Add(add) => self.add(draft, add, access),
+            Edit::Add(add) => {
+                let node = self.node(draft, totals, add, access)?;
+                totals.add(&node);
+                draft.nodes.push(node);
+                Ok(())
+            }
             Edit::Remove(remove) => {
                 let index = index_of(draft, &remove.node)?;
-                draft.nodes.remove(index);
+                totals.remove(&draft.nodes.remove(index));
                 Ok(())
             }
             Edit::Set(set) => apply_set(draft, set),
             Edit::Material(material) => apply_material(draft, material),
-            Edit::Light(light) => apply_light(draft, light),
+            Edit::Light(light) => totals.change_lights(apply_light(draft, light)?, &self.limits),
             Edit::Environment(environment) => self.set_environment(draft, environment, access),
             Edit::Vertices(_) => Err(Fault::new(
                 "not-built",
@@ -217,7 +222,8 @@ impl Editor {
         }
     }
 
-    fn add(&mut self, draft: &mut Scene, add: &proto::Add, access: Access<'_>) -> Result<(), Fault> {
+    /// The node of an add, which the draft does not have yet.
+    fn node(&mut self, draft: &Scene, totals: &Totals, add: &proto::Add, access: Access<'_>) -> Result<Node, Fault> {
         let name = checked_name("node", &add.node)?;
         if draft.node(name).is_some() {
             let hint = "remove it first, or choose another name";
@@ -231,14 +237,12 @@ impl Editor {
         let rotation = checked_rotation(add.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]))?;
         let scale = checked_scale(add.scale.unwrap_or([1.0; 3]))?;
 
-        // Before a file is opened: a list of many adds must not load what the limit will refuse.
-        if draft.nodes.len() >= self.limits.max_nodes {
-            let error =
-                ComposeError::TooLarge { what: "nodes", count: draft.nodes.len() + 1, limit: self.limits.max_nodes };
-            return Err(Fault::new(error.code(), "node", error.to_string()));
-        }
-        let (asset, uri) = self.library.asset(&add.uri, access, &self.limits)?;
-        draft.nodes.push(Node {
+        // Before a file is opened, and no more of it than fits: a list of many adds must not load what the limits will
+        // refuse.
+        totals.check_node(&self.limits)?;
+        let (asset, uri) = self.library.asset(&add.uri, access, &totals.left(&self.limits))?;
+        totals.check_asset(&asset, &self.limits)?;
+        Ok(Node {
             name: name.to_owned(),
             uri,
             role: add.role.unwrap_or_default(),
@@ -249,8 +253,7 @@ impl Editor {
             materials: Arc::new(asset.materials.clone()),
             lights: vec![LightState::default(); asset.lights.len()],
             asset,
-        });
-        Ok(())
+        })
     }
 
     fn set_environment(
@@ -331,81 +334,12 @@ fn apply_set(draft: &mut Scene, set: &proto::Set) -> Result<(), Fault> {
     Ok(())
 }
 
-/// `node/name` is one node's material; a bare name is every node's. A node and material that fit come before a material
-/// whose own name has a slash.
-fn apply_material(draft: &mut Scene, edit: &proto::Material) -> Result<(), Fault> {
-    let of_node = edit.name.split_once('/').and_then(|(node, name)| {
-        let index = draft.node(node).map(|(index, _)| index)?;
-        draft.nodes[index].material_names().any(|known| known == name).then_some((index, name))
-    });
-    let (nodes, name) = match of_node {
-        Some((index, name)) => (index..index + 1, name),
-        None => (0..draft.nodes.len(), edit.name.as_str()),
-    };
-    let mut found = false;
-    for node in &mut draft.nodes[nodes] {
-        if !node.material_names().any(|known| known == name) {
-            continue;
-        }
-        found = true;
-        for material in Arc::make_mut(&mut node.materials).iter_mut().filter(|material| material.name == name) {
-            material::apply(edit, &mut material.gpu)?;
-        }
-    }
-    if found {
-        return Ok(());
-    }
-    let full: Vec<String> = match edit.name.split_once('/') {
-        Some(_) => {
-            draft.nodes.iter().flat_map(|n| n.material_names().map(move |m| format!("{}/{m}", n.name))).collect()
-        }
-        None => draft.nodes.iter().flat_map(|n| n.material_names().map(str::to_owned)).collect(),
-    };
-    let known = nearest(&edit.name, full.iter().map(String::as_str));
-    Err(Fault::new("unknown-material", "name", format!("there is no material {:?}; hint: {known}", edit.name)))
-}
-
-fn apply_light(draft: &mut Scene, edit: &proto::Light) -> Result<(), Fault> {
-    let unknown = |draft: &Scene| {
-        let names = draft.light_names();
-        let known = nearest(&edit.name, names.iter().map(String::as_str));
-        Fault::new("unknown-light", "name", format!("there is no light {:?}; hint: {known}", edit.name))
-    };
-
-    // `node/light` is an imported one, which stays known when it was taken away.
-    if let Some((node, light)) = edit.name.split_once('/') {
-        let place = draft.node(node).and_then(|(index, node)| {
-            node.asset.lights.iter().position(|known| known.name == light).map(|light| (index, light))
-        });
-        let Some((node, light)) = place else { return Err(unknown(draft)) };
-        return draft.nodes[node].lights[light].apply(edit, true);
-    }
-
-    let name = checked_name("name", &edit.name)?;
-    let known = draft.own_lights.iter().position(|(known, _)| known == name);
-    match (known, edit.remove == Some(true)) {
-        (Some(index), true) => {
-            draft.own_lights.remove(index);
-            Ok(())
-        }
-        (None, true) => Err(unknown(draft)),
-        (Some(index), false) => draft.own_lights[index].1.apply(edit, true),
-        (None, false) => {
-            let mut state = LightState::default();
-            state.apply(edit, false)?;
-            draft.own_lights.push((name.to_owned(), state));
-            Ok(())
-        }
-    }
-}
-
-/// Which edit a scene that cannot be put together is laid to: the last that touched the node in question, else the last
-/// add.
+/// Which edit a scene that cannot be put together is laid to: the last that touched the node in question.
 fn locate(error: ComposeError, edits: &[Edit]) -> EditError {
-    let touches = |edit: &Edit| match (&error, edit) {
-        (ComposeError::Transform { node }, Edit::Add(add)) => add.node == *node,
-        (ComposeError::Transform { node }, Edit::Set(set)) => set.node == *node,
-        (ComposeError::TooLarge { .. }, Edit::Add(_)) => true,
+    let ComposeError::Transform { node: wrong } = &error;
+    let touches = |edit: &Edit| match edit {
+        Edit::Add(add) => add.node == *wrong,
+        Edit::Set(set) => set.node == *wrong,
         _ => false,
     };
     let at = edits.iter().rposition(touches).map_or("edits".to_owned(), |index| format!("edits[{index}]"));

@@ -6,6 +6,7 @@
 mod asset;
 mod builtin;
 pub mod bvh;
+mod by_name;
 mod compose;
 mod configured;
 mod edit;
@@ -32,6 +33,7 @@ mod teapot;
 mod teapot_data;
 mod texture;
 mod top;
+mod totals;
 
 pub use compose::octahedral;
 pub use edit::EditError;

@@ -11,11 +11,19 @@ pub struct Limits {
     pub max_texels: usize,
     /// Placed meshes and lights, of all nodes together.
     pub max_nodes: usize,
+    /// Lights that shine, imported ones and others together: each is asked at every hit.
+    pub max_lights: usize,
 }
 
 impl Default for Limits {
     /// Sized so that no buffer passes the 128 M texel elements that the reference driver offers (MEASURED.md).
     fn default() -> Self {
-        Self { max_file_bytes: 1 << 30, max_triangles: 16_000_000, max_texels: 1 << 26, max_nodes: 65_536 }
+        Self {
+            max_file_bytes: 1 << 30,
+            max_triangles: 16_000_000,
+            max_texels: 1 << 26,
+            max_nodes: 65_536,
+            max_lights: 64,
+        }
     }
 }

@@ -84,7 +84,8 @@ impl<'a> Reader<'a> {
         let limit = self.limits.max_triangles as u64 * 3;
         let count = json.count.0;
         if count > limit {
-            return Err(here(object, Problem::TooMany { what: "elements", count, limit }));
+            let key = "three for each triangle that limits.max_triangles leaves";
+            return Err(here(object, Problem::TooMany { what: "elements", count, limit, key }));
         }
         Ok(Opened { json, component: component.0, count: count as usize, object })
     }

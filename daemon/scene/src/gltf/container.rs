@@ -87,7 +87,7 @@ fn chunk(bytes: &[u8], at: usize) -> Option<Chunk<'_>> {
 pub(super) fn parse(json: &[u8]) -> Result<Root, Located> {
     if json.len() > MAX_JSON_BYTES {
         let (count, limit) = (json.len() as u64, MAX_JSON_BYTES as u64);
-        return Err(here("JSON", Problem::TooMany { what: "bytes of JSON", count, limit }));
+        return Err(here("JSON", Problem::TooMany { what: "bytes of JSON", count, limit, key: "fixed" }));
     }
     let start = json.iter().find(|byte| !byte.is_ascii_whitespace());
     if start != Some(&b'{') {

@@ -67,7 +67,7 @@ pub(crate) enum Problem {
     #[error("declares offsets and counts that overflow")]
     Overflow,
     /// Beyond a limit.
-    #[error("{what}: {count}, above the limit of {limit}")]
+    #[error("{what}: {count}, above the limit of {limit} ({key})")]
     TooMany {
         /// The kind of thing.
         what: &'static str,
@@ -75,6 +75,8 @@ pub(crate) enum Problem {
         count: u64,
         /// The bound.
         limit: u64,
+        /// Where the bound comes from.
+        key: &'static str,
     },
     /// NaN or infinity, or so large that nothing can be computed with it.
     #[error("{what} {index} is {value:?}, which is not finite or beyond 1e9")]

@@ -94,7 +94,8 @@ impl<'a, 'b> Images<'a, 'b> {
         let texels = u64::from(width) * u64::from(height);
         if texels > self.left {
             let count = self.limit - self.left + texels;
-            return Err(here(object, Problem::TooMany { what: "texels so far", count, limit: self.limit }));
+            let (what, key) = ("texels so far", "what limits.max_texels leaves");
+            return Err(here(object, Problem::TooMany { what, count, limit: self.limit, key }));
         }
         if texels == 0 {
             return Err(bad(object, "has no texels"));

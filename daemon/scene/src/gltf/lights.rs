@@ -5,19 +5,26 @@ use gltf::json::extensions::scene::khr_lights_punctual::{Light, Type};
 use gltf::json::validation::Checked;
 use lantern_proto::LightKind;
 
-use super::error::{Located, bad, item};
+use super::error::{Located, Problem, bad, here, item};
 use super::nodes::Visit;
 use crate::asset::AssetLight;
+use crate::limits::Limits;
 
 /// The lights of all shown nodes, in their order, under names that differ.
-pub(super) fn place(root: &Root, visits: &[Visit]) -> Result<Vec<AssetLight>, Located> {
+pub(super) fn place(root: &Root, visits: &[Visit], limits: &Limits) -> Result<Vec<AssetLight>, Located> {
     let lights: &[Light] = root.as_ref();
     let mut placed: Vec<AssetLight> = vec![];
     for visit in visits {
         let node = &root.nodes[visit.node];
         let reference = node.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
         let Some(index) = reference.map(|reference| reference.light.value()) else { continue };
-        let light = item(lights, "light", index, &format!("node {}", visit.node))?;
+        let object = format!("node {}", visit.node);
+        let light = item(lights, "light", index, &object)?;
+        if placed.len() >= limits.max_lights {
+            let (count, limit) = (placed.len() as u64 + 1, limits.max_lights as u64);
+            let (what, key) = ("lights so far", "what limits.max_lights leaves");
+            return Err(here(object, Problem::TooMany { what, count, limit, key }));
+        }
         let mut light = read(light, index, visit)?;
         let own_name = light.name.clone();
         let mut count = 1;

@@ -75,7 +75,7 @@ fn load_located(path: &Path, access: Access<'_>, limits: &Limits) -> Result<Asse
         warnings.add("it has no triangles in its scene, so it shows nothing");
     }
 
-    let lights = lights::place(&root, &visits)?;
+    let lights = lights::place(&root, &visits, limits)?;
     let mut images = Images::new(&reader, &mut sources, limits);
     let (materials, textures) = materials.load(&mut images, &mut warnings)?;
     let warnings = warnings.finish(path);
@@ -98,10 +98,9 @@ fn mesh(
         *triangles += data.indices.len();
         let limit = reader.limits.max_triangles;
         if *triangles > limit {
-            return Err(here(
-                object,
-                Problem::TooMany { what: "triangles so far", count: *triangles as u64, limit: limit as u64 },
-            ));
+            let (count, limit) = (*triangles as u64, limit as u64);
+            let (what, key) = ("triangles so far", "what limits.max_triangles leaves");
+            return Err(here(object, Problem::TooMany { what, count, limit, key }));
         }
         whole.append(data);
     }

@@ -36,7 +36,7 @@ pub(super) fn walk(root: &Root, limits: &Limits, warnings: &mut Warnings) -> Res
         }
         if visits.len() >= limits.max_nodes {
             let (count, limit) = (root.nodes.len() as u64, limits.max_nodes as u64);
-            return Err(here(object, Problem::TooMany { what: "nodes", count, limit }));
+            return Err(here(object, Problem::TooMany { what: "nodes", count, limit, key: "limits.max_nodes" }));
         }
         let asset_from_node = asset_from_parent * parent_from_node(node, &object)?;
         let role = own_role(node, &object)?.or(role);

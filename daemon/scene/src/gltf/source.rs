@@ -59,7 +59,8 @@ impl<'a> Sources<'a> {
         let limit = self.limit;
         let count = limit - self.left + bytes;
         self.left = self.left.checked_sub(bytes).ok_or_else(|| {
-            here(object, Problem::TooMany { what: "bytes with all that the file names", count, limit })
+            let (what, key) = ("bytes with all that the file names", "limits.max_file_mib");
+            here(object, Problem::TooMany { what, count, limit, key })
         })?;
         Ok(())
     }
