@@ -95,7 +95,7 @@ pub struct Set {
     /// Factor an axis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<[f64; 3]>,
-    /// The new role.
+    /// The new role, of all its parts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub role: Option<Role>,
     /// Whether anything sees it.

@@ -33,7 +33,7 @@ pub(crate) struct Part {
     pub(crate) mesh: usize,
     /// From the mesh's frame to the asset's; invertible, may mirror.
     pub(crate) asset_from_object: DAffine3,
-    /// What the file says of the part's role; it wins over the node's.
+    /// What the file says of the part's role; it holds where no edit gives the node one.
     pub(crate) role: Option<Role>,
 }
 

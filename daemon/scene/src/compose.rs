@@ -169,7 +169,7 @@ fn compose_instances(draft: &mut Scene) -> Result<(), ComposeError> {
             instances.push(Instance {
                 node: index,
                 mesh: first_mesh + part.mesh,
-                role: part.role.unwrap_or(node.role),
+                role: part.role.filter(|_| !node.role_is_said).unwrap_or(node.role),
                 visible: node.visible,
                 world_from_object,
                 material_base,

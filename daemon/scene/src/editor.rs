@@ -246,6 +246,7 @@ impl Editor {
             name: name.to_owned(),
             uri,
             role: add.role.unwrap_or_default(),
+            role_is_said: add.role.is_some(),
             visible: true,
             translation_m,
             rotation,
@@ -330,6 +331,7 @@ fn apply_set(draft: &mut Scene, set: &proto::Set) -> Result<(), Fault> {
     node.rotation = rotation.unwrap_or(node.rotation);
     node.scale = scale.unwrap_or(node.scale);
     node.role = set.role.unwrap_or(node.role);
+    node.role_is_said |= set.role.is_some();
     node.visible = set.visible.unwrap_or(node.visible);
     Ok(())
 }

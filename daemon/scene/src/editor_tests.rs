@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::gltf::sample::Sample;
 use crate::pack::{NO_TEXTURE, ROLE_PROP};
-use crate::{Changes, Edit, Editor, Limits, Scene, changes};
+use crate::{Changes, Edit, Editor, Limits, Role, Scene, changes};
 
 /// An asset root with the sample as a.glb, and an editor that may read it.
 fn studio() -> (tempfile::TempDir, Editor) {
@@ -315,6 +315,52 @@ fn materials_go_by_name_or_by_node_and_name() {
 }
 
 #[test]
+fn a_role_that_is_said_wins_over_the_files() {
+    let (folder, mut editor) = studio();
+    let roles = |scene: &Scene| scene.instances.iter().map(|instance| instance.role).collect::<Vec<_>>();
+    let add = |role: Option<&str>| json!({"add": {"node": "model", "uri": "a.glb", "role": role}});
+    let fresh = |editor: &mut Editor, role| {
+        let _ = editor.apply(&edits(json!([{"remove": {"node": "model"}}])));
+        editor.apply(&edits(json!([add(role)]))).unwrap()
+    };
+    // The sample masks its last part.
+    let (prop, mask) = (Role::Prop, Role::Mask);
+    let scene = fresh(&mut editor, None);
+    assert_eq!(
+        (roles(&scene), scene.edits()[0].clone()),
+        (vec![prop, prop, mask], edits(json!([add(None)])).remove(0))
+    );
+    for (said, role) in [("prop", prop), ("virtual", Role::Virtual), ("raster", Role::Raster), ("mask", mask)] {
+        let scene = fresh(&mut editor, Some(said));
+        assert_eq!(roles(&scene), [role; 3]);
+        assert_eq!(scene.edits()[..1], edits(json!([add(Some(said))])));
+    }
+
+    // A set says it as well, even where it says what would hold for most parts anyway; another set leaves it.
+    fresh(&mut editor, None);
+    editor.apply(&edits(json!([{"set": {"node": "model", "translation_m": [1, 0, 0]}}]))).unwrap();
+    assert_eq!(roles(&editor.current()), [prop, prop, mask]);
+    editor.apply(&edits(json!([{"set": {"node": "model", "role": "prop"}}]))).unwrap();
+    let scene = editor.apply(&edits(json!([{"set": {"node": "model", "translation_m": [0, 0, 0]}}]))).unwrap();
+    assert_eq!((roles(&scene), &scene.edits()[..1]), (vec![prop; 3], &edits(json!([add(Some("prop"))]))[..]));
+
+    // And so does the configuration.
+    for (role, expected) in [(None, vec![prop, prop, mask]), (Some(lantern_config::Role::Prop), vec![prop; 3])] {
+        let node = lantern_config::SceneNode {
+            name: "model".into(),
+            uri: "a.glb".into(),
+            role,
+            translation_m: None,
+            rotation: None,
+            scale: None,
+        };
+        let config = lantern_config::Scene { nodes: vec![node], ..Default::default() };
+        let editor = Editor::from_config(&config, folder.path(), Limits::default(), vec![]).unwrap();
+        assert_eq!(roles(&editor.current()), expected);
+    }
+}
+
+#[test]
 fn scene_get_lists_all_adds_first() {
     let (_folder, mut editor) = studio();
     let scene = editor
@@ -326,11 +372,11 @@ fn scene_get_lists_all_adds_first() {
             {"light": {"name": "model/lamp", "intensity": 7}},
             {"light": {"name": "sun", "kind": "directional", "direction": [0, -1, 0]}},
             {"remove": {"node": "gone"}},
-            {"add": {"node": "floor", "uri": "lantern:checker"}},
+            {"add": {"node": "floor", "uri": "lantern:checker", "role": "prop"}},
         ])))
         .unwrap();
     let expected = edits(json!([
-        {"add": {"node": "model", "uri": "a.glb", "role": "prop", "translation_m": [1.0, 2.0, 3.0]}},
+        {"add": {"node": "model", "uri": "a.glb", "translation_m": [1.0, 2.0, 3.0]}},
         {"add": {"node": "floor", "uri": "lantern:checker", "role": "prop"}},
         {"set": {"node": "model", "visible": false}},
         {"material": {"name": "model/paint", "roughness": 0.5}},

@@ -78,8 +78,10 @@ pub struct Node {
     pub name: String,
     /// As the client gave it, or the canonical path of a file of the configuration.
     pub uri: String,
-    /// Of every part for which the file says nothing else.
+    /// The role that an edit gave it, of all its parts; prop where none did.
     pub role: Role,
+    /// Whether an edit gave it; else the file's word on a part comes first.
+    pub(crate) role_is_said: bool,
     /// Whether anything sees it.
     pub visible: bool,
     /// Metres.
@@ -122,7 +124,7 @@ pub struct Instance {
     pub node: usize,
     /// Index into [`Scene::meshes`].
     pub mesh: usize,
-    /// The file's word on this part, else the node's role.
+    /// What an edit said of the node, else the file of this part, else prop.
     pub role: Role,
     /// Its node's.
     pub visible: bool,
@@ -248,7 +250,7 @@ fn add_of(node: &Node) -> proto::Add {
     proto::Add {
         node: node.name.clone(),
         uri: node.uri.clone(),
-        role: Some(node.role),
+        role: node.role_is_said.then_some(node.role),
         translation_m: (node.translation_m != DVec3::ZERO).then(|| node.translation_m.into()),
         rotation: (node.rotation != DQuat::IDENTITY).then(|| node.rotation.to_array()),
         scale: (node.scale != DVec3::ONE).then(|| node.scale.into()),
