@@ -97,9 +97,9 @@ pub struct Body {
     pub name: String,
     /// What follows it; `None`: it shows in `status` alone.
     pub drives: Option<Drives>,
-    /// Where it is until a tracker speaks.
+    /// Where it is until a tracker speaks; each at most 1e8.
     pub position_m: [f64; 3],
-    /// From the tracked point to the eye (or to the node's origin), in the body's frame.
+    /// From the tracked point to the eye (or to the node's origin), in the body's frame; each at most 1e8.
     pub offset_m: [f64; 3],
 }
 
@@ -163,7 +163,7 @@ pub struct Projector {
 pub enum Output {
     /// Nowhere: it is kept for snapshots.
     Headless {
-        /// Frames a second at most.
+        /// Frames a second at most; 1 to 1000.
         refresh_hz: f64,
     },
 }

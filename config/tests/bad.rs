@@ -145,6 +145,19 @@ fn numbers_must_be_in_range() {
     one("[scene]", &render("samples = 0"), "1 to 256");
     one("[scene]", &render("samples = 99999999999999999999"), "1 to 256");
     one("[scene]", &render("max_depth = -1"), "0 to 64");
+    for key in ["position_m", "offset_m"] {
+        for value in ["1.1e8", "-1e9", "nan", "-inf"] {
+            one(
+                "drives =",
+                &format!("{key} = [0, {value}, 0]\ndrives ="),
+                if value.contains('e') { "1e8" } else { "finite" },
+            );
+        }
+    }
+    for hz in ["0", "0.5", "-60", "1001", "nan"] {
+        let output = format!("output = {{ kind = \"headless\", refresh_hz = {hz} }}\nresolution_px");
+        one("resolution_px", &output, if hz == "nan" { "finite" } else { "from 1 to 1000" });
+    }
     one("[scene]", "[limits]\nmax_lights = 0\n[scene]", "1 to 4096");
     one("[scene]", "[limits]\nmax_lights = 4097\n[scene]", "1 to 4096");
     one("[scene]", &render("raster = \"later\""), "did you mean \"after\"?");

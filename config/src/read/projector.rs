@@ -45,7 +45,7 @@ fn output(table: Table<'_>) -> Option<Output> {
     let kind_value = table.required("kind", "\"headless\"");
     let kind = kind_value.as_ref().and_then(|value| value.choice(&kinds));
     let refresh = table.get("refresh_hz");
-    let refresh_hz = refresh.and_then(|v| v.number_where("above 0, at most 1000", |hz| hz > 0.0 && hz <= 1000.0));
+    let refresh_hz = refresh.and_then(|v| v.number_where("from 1 to 1000", |hz| (1.0..=1000.0).contains(&hz)));
 
     // A connector is a display's; where displays are refused as a whole it needs no words of its own.
     if let (Some(connector), Some(Kind::Headless)) = (table.get("connector"), kind) {

@@ -13,6 +13,9 @@ const PROTOCOLS_TO_COME: [&str; 6] = ["osc", "natnet", "freed", "psn", "opentrac
 const KEYS_TO_COME: [(&str, &str); 5] =
     [("preset", "osc"), ("address", "osc"), ("arguments", "osc"), ("version", "natnet"), ("up", "dtrack")];
 
+/// The farthest that anything is believed to be, along each axis, m: what poses are held to while the daemon runs.
+const MAX_DISTANCE_M: f64 = 1e8;
+
 const IDENTITY: Matrix4 = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
 
 pub(crate) fn bodies(tables: Vec<Table<'_>>, nodes: &HashSet<String>) -> Option<Vec<Body>> {
@@ -29,8 +32,8 @@ fn body(
 ) -> Option<Body> {
     let name = unique_name(&table, "body", taken, "\"head\"");
     let drives = table.get("drives").and_then(|value| drives(&value, driven, nodes));
-    let position_m = table.get("position_m").and_then(|value| value.numbers());
-    let offset_m = table.get("offset_m").and_then(|value| value.numbers());
+    let place = |key| table.get(key)?.numbers_where("from -1e8 to 1e8", |x| x.abs() <= MAX_DISTANCE_M);
+    let (position_m, offset_m) = (place("position_m"), place("offset_m"));
     table.finish();
     Some(Body {
         name: name?,
