@@ -143,6 +143,10 @@ impl Bodies {
     pub(crate) fn apply(&self, body: &str, update: &Update, source: &Arc<str>, received: Instant) -> bool {
         let mut entries = self.lock();
         let Some(entry) = entries.get_mut(body) else { return false };
+        // A tracker that has lost the body says so by neither: the last pose stays, and shows its age.
+        if update.position_m.is_none() && update.orientation.is_none() {
+            return true;
+        }
         let pose = &mut entry.pose;
         let before = (pose.position_m, pose.orientation, pose.velocity_m_s);
         pose.position_m = update.position_m.unwrap_or(pose.position_m);

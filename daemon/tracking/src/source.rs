@@ -209,6 +209,27 @@ mod tests {
     }
 
     #[test]
+    fn a_lost_body_shows_the_age_of_its_last_pose() {
+        let (mut source, bodies) = (Source::new(&tracker()), bodies());
+        let (lost, seen) = (PosePacket { position_m: None, velocity_m_s: Some([1.0; 3]), ..packet(1) }, packet(2));
+        assert_eq!(hear(&mut source, &bodies, &lost.encode()).accepted, 1);
+        assert_eq!(bodies.status()["head"].source, "config");
+        hear(&mut source, &bodies, &seen.encode());
+        let (before, generation) = (bodies.get("head").unwrap(), bodies.generation());
+        assert_eq!(&*before.source, "optitrack");
+        let lost = PosePacket { sequence: 3, ..lost };
+        let later = Instant::now() + std::time::Duration::from_secs(5);
+        source.hear(&lost.encode(), ALLOWED.parse().unwrap(), &bodies, later);
+        assert_eq!((source.status(String::new()).accepted, bodies.generation()), (3, generation));
+        assert_eq!(bodies.get("head").unwrap(), before);
+        // Its packets count in their order all the same, and either of the two is a pose.
+        assert_eq!(hear(&mut source, &bodies, &packet(3).encode()).dropped_old, 1);
+        let turned = PosePacket { orientation: Some([0.0, 0.0, 0.0, 1.0]), sequence: 4, ..lost };
+        source.hear(&turned.encode(), ALLOWED.parse().unwrap(), &bodies, later);
+        assert_eq!(bodies.get("head").unwrap().received, later);
+    }
+
+    #[test]
     fn old_packets_are_dropped_and_named() {
         let (mut source, bodies) = (Source::new(&tracker()), bodies());
         // Up, and over the end of the range.

@@ -5,9 +5,13 @@ use crate::source::Source;
 use lantern_config::Tracker;
 use lantern_proto::status::TrackerStatus;
 use std::collections::BTreeMap;
+use std::future::poll_fn;
+use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
+use tokio::io::ReadBuf;
 use tokio::net::UdpSocket;
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
@@ -32,9 +36,12 @@ pub enum TrackerError {
         /// Its address.
         listen: SocketAddr,
         /// What the system said.
-        source: std::io::Error,
+        source: io::Error,
     },
 }
+
+/// A socket that can be closed while a task waits on it; `None` once it was.
+type Socket = Arc<Mutex<Option<UdpSocket>>>;
 
 /// A tracker that is listened to, until it is dropped.
 struct Listening {
@@ -43,6 +50,7 @@ struct Listening {
     /// As it is.
     address: SocketAddr,
     source: Arc<Mutex<Source>>,
+    socket: Socket,
     task: JoinHandle<()>,
 }
 
@@ -52,11 +60,24 @@ impl Listening {
     fn serves(&self, tracker: &Tracker) -> bool {
         self.asked == tracker.listen && (self.asked.port() != 0 || lock(&self.source).name() == tracker.name)
     }
+
+    /// Whether its socket keeps another from an address: the same port, and no two cards.
+    fn stands_in_the_way_of(&self, other: SocketAddr) -> bool {
+        let (ip, other_ip) = (self.address.ip(), other.ip());
+        self.address.port() == other.port() && (ip == other_ip || ip.is_unspecified() || other_ip.is_unspecified())
+    }
+
+    /// Gives the address back to the system before it returns. An aborted task lets go of what it holds some time
+    /// later, so the socket is taken from it.
+    fn close(&self) {
+        self.task.abort();
+        lock(&self.socket).take();
+    }
 }
 
 impl Drop for Listening {
     fn drop(&mut self) {
-        self.task.abort();
+        self.close();
     }
 }
 
@@ -84,23 +105,36 @@ impl Trackers {
     /// # Errors
     /// The first whose address cannot be bound; then everything is as it was.
     pub fn configure(&mut self, trackers: &[Tracker]) -> Result<(), TrackerError> {
-        // Every new socket is bound before anything changes.
-        let is_kept = |tracker: &Tracker| self.listening.iter().any(|old| old.serves(tracker));
-        let mut added = Vec::new();
-        for tracker in trackers.iter().filter(|tracker| !is_kept(tracker)) {
-            added.push(self.listen(tracker)?);
-        }
+        let is_kept = |tracker: &&Tracker| self.listening.iter().any(|old| old.serves(tracker));
+        let (kept, new): (Vec<&Tracker>, Vec<&Tracker>) = trackers.iter().partition(is_kept);
 
-        let mut kept = std::mem::take(&mut self.listening);
-        kept.retain(|old| match trackers.iter().find(|tracker| old.serves(tracker)) {
+        // A socket that goes and stands in the way of one that comes must go first.
+        let goes = |old: &&mut Listening| !kept.iter().any(|tracker| old.serves(tracker));
+        let in_the_way = |old: &&mut Listening| new.iter().any(|tracker| old.stands_in_the_way_of(tracker.listen));
+        let mut closed: Vec<&mut Listening> = self.listening.iter_mut().filter(goes).filter(in_the_way).collect();
+        closed.iter().for_each(|old| old.close());
+
+        // Every new socket is bound before anything else changes. Those bound so far are closed again before the old
+        // ones come back, whose addresses they may hold.
+        let (runtime, bodies) = (&self.runtime, &self.bodies);
+        let added: Result<Vec<Listening>, TrackerError> =
+            new.iter().map(|tracker| listen(runtime, tracker, bodies)).collect();
+        let added = match added {
+            Ok(added) => added,
+            Err(error) => {
+                closed.iter_mut().for_each(|old| reopen(runtime, old, bodies));
+                return Err(error);
+            }
+        };
+
+        self.listening.retain(|old| match kept.iter().find(|tracker| old.serves(tracker)) {
             Some(tracker) => {
                 lock(&old.source).configure(tracker);
                 true
             }
             None => false,
         });
-        kept.extend(added);
-        self.listening = kept;
+        self.listening.extend(added);
         Ok(())
     }
 
@@ -117,37 +151,50 @@ impl Trackers {
     pub fn address(&self, name: &str) -> Option<SocketAddr> {
         self.listening.iter().find(|tracker| lock(&tracker.source).name() == name).map(|tracker| tracker.address)
     }
+}
 
-    fn listen(&self, tracker: &Tracker) -> Result<Listening, TrackerError> {
-        let bind = || {
-            let socket = std::net::UdpSocket::bind(tracker.listen)?;
-            socket.set_nonblocking(true)?;
-            let address = socket.local_addr()?;
-            // A socket belongs to the runtime that it is made in.
-            let _guard = self.runtime.enter();
-            Ok((UdpSocket::from_std(socket)?, address))
-        };
-        let (socket, address) = bind().map_err(|source| TrackerError::Bind {
-            name: tracker.name.clone(),
-            listen: tracker.listen,
-            source,
-        })?;
-        tracing::info!(tracker = tracker.name, %address, protocol = tracker.protocol.as_str(), "listening for poses");
-        let source = Arc::new(Mutex::new(Source::new(tracker)));
-        let task = self.runtime.spawn(hear(socket, source.clone(), self.bodies.clone()));
-        Ok(Listening { asked: tracker.listen, address, source, task })
+fn listen(runtime: &Handle, tracker: &Tracker, bodies: &Arc<Bodies>) -> Result<Listening, TrackerError> {
+    let opened = bind(runtime, tracker.listen).and_then(|socket| Ok((socket.local_addr()?, socket)));
+    let (address, socket) =
+        opened.map_err(|source| TrackerError::Bind { name: tracker.name.clone(), listen: tracker.listen, source })?;
+    tracing::info!(tracker = tracker.name, %address, protocol = tracker.protocol.as_str(), "listening for poses");
+    let (socket, source) = (Arc::new(Mutex::new(Some(socket))), Arc::new(Mutex::new(Source::new(tracker))));
+    let task = runtime.spawn(hear(socket.clone(), source.clone(), bodies.clone()));
+    Ok(Listening { asked: tracker.listen, address, source, socket, task })
+}
+
+/// Listens again where a socket was closed, with the counts of before.
+fn reopen(runtime: &Handle, closed: &mut Listening, bodies: &Arc<Bodies>) {
+    match bind(runtime, closed.address) {
+        Ok(socket) => {
+            closed.socket = Arc::new(Mutex::new(Some(socket)));
+            closed.task = runtime.spawn(hear(closed.socket.clone(), closed.source.clone(), bodies.clone()));
+        }
+        Err(error) => {
+            let mut source = lock(&closed.source);
+            tracing::error!(tracker = source.name(), address = %closed.address, %error, "cannot listen again");
+            source.fail(&error);
+        }
     }
 }
 
-fn lock(source: &Mutex<Source>) -> MutexGuard<'_, Source> {
-    source.lock().unwrap_or_else(PoisonError::into_inner)
+fn bind(runtime: &Handle, address: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = std::net::UdpSocket::bind(address)?;
+    socket.set_nonblocking(true)?;
+    // A socket belongs to the runtime that it is made in.
+    let _guard = runtime.enter();
+    UdpSocket::from_std(socket)
 }
 
-/// Hears until it is aborted.
-async fn hear(socket: UdpSocket, source: Arc<Mutex<Source>>, bodies: Arc<Bodies>) {
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Hears until the socket is closed.
+async fn hear(socket: Socket, source: Arc<Mutex<Source>>, bodies: Arc<Bodies>) {
     let mut buffer = vec![0; BUFFER_BYTES];
-    loop {
-        match socket.recv_from(&mut buffer).await {
+    while let Some(heard) = poll_fn(|context| poll_datagram(&socket, context, &mut buffer)).await {
+        match heard {
             Ok((length, from)) => lock(&source).hear(&buffer[..length], from, &bodies, Instant::now()),
             Err(error) => {
                 lock(&source).fail(&error);
@@ -155,4 +202,16 @@ async fn hear(socket: UdpSocket, source: Arc<Mutex<Source>>, bodies: Arc<Bodies>
             }
         }
     }
+}
+
+/// The next datagram's length and sender; `None` of a closed socket, which is held for the time of this call alone.
+fn poll_datagram(
+    socket: &Mutex<Option<UdpSocket>>,
+    context: &mut Context<'_>,
+    buffer: &mut [u8],
+) -> Poll<Option<io::Result<(usize, SocketAddr)>>> {
+    let socket = lock(socket);
+    let Some(socket) = socket.as_ref() else { return Poll::Ready(None) };
+    let mut buffer = ReadBuf::new(buffer);
+    socket.poll_recv_from(context, &mut buffer).map(|from| Some(from.map(|from| (buffer.filled().len(), from))))
 }

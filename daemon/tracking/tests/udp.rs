@@ -137,12 +137,50 @@ fn another_configuration_keeps_sockets_and_counts() {
     assert_eq!(settle(&trackers, "t", 2).accepted, 2);
     assert_eq!(bodies.eye_m(), Some(DVec3::new(106.0, 1.0, 2.0)));
 
-    // One that is gone lets go of its port, as soon as its task has ended.
+    // One that is gone has let go of its port.
     trackers.configure(&[]).unwrap();
     assert!(trackers.status().is_empty());
-    let deadline = Instant::now() + Duration::from_secs(10);
-    while UdpSocket::bind(address).is_err() {
-        assert!(Instant::now() < deadline, "{address} is still taken");
-        std::thread::sleep(Duration::from_millis(2));
+    UdpSocket::bind(address).unwrap();
+}
+
+/// A port that was free a moment ago.
+fn free_port() -> u16 {
+    UdpSocket::bind("0.0.0.0:0").unwrap().local_addr().unwrap().port()
+}
+
+#[test]
+fn an_address_may_grow_over_its_own_port_and_shrink_again() {
+    let (runtime, bodies) = (runtime(), bodies());
+    let port = free_port();
+    let [narrow, wide] = ["127.0.0.1", "0.0.0.0"].map(|ip| format!("{ip}:{port}"));
+    let mut trackers = Trackers::start(runtime.handle().clone(), &[tracker("t", &narrow)], bodies.clone()).unwrap();
+    let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+    for (sequence, listen) in (1..).zip([&wide, &narrow, &wide, &narrow]) {
+        trackers.configure(&[tracker("t", listen)]).unwrap();
+        assert_eq!(trackers.address("t").unwrap().to_string(), *listen);
+        sender.send_to(&packet(sequence), &narrow).unwrap();
+        assert_eq!(settle(&trackers, "t", 1).accepted, 1);
+        assert_eq!(bodies.eye_m().unwrap().x, f64::from(sequence));
     }
+}
+
+#[test]
+fn a_socket_that_made_way_in_vain_comes_back() {
+    let (runtime, bodies) = (runtime(), bodies());
+    let port = free_port();
+    let [narrow, wide] = ["127.0.0.1", "0.0.0.0"].map(|ip| format!("{ip}:{port}"));
+    let mut trackers = Trackers::start(runtime.handle().clone(), &[tracker("t", &narrow)], bodies.clone()).unwrap();
+    let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+    sender.send_to(&packet(1), &narrow).unwrap();
+    settle(&trackers, "t", 1);
+
+    // The wide one can be had, the other cannot.
+    let taken = sender.local_addr().unwrap().to_string();
+    let TrackerError::Bind { name, .. } = trackers.configure(&[tracker("t", &wide), tracker("u", &taken)]).unwrap_err();
+    assert_eq!(name, "u");
+    assert_eq!(trackers.address("t").unwrap().to_string(), narrow);
+    sender.send_to(&packet(2), &narrow).unwrap();
+    let status = settle(&trackers, "t", 2);
+    assert_eq!((status.accepted, status.rejected), (2, 0), "{status:?}");
+    assert_eq!(bodies.eye_m().unwrap().x, 2.0);
 }
