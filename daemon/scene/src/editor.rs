@@ -86,6 +86,7 @@ impl Editor {
         let black = scene.environment.is_none().then_some(black);
         let folders = [base_dir.to_owned()];
         let limits_before = std::mem::replace(&mut self.limits, limits);
+        let named_before = self.library.take_named();
         let (mut totals, mut problems) = (Totals::of(&draft), vec![]);
         for (at, edit) in black.into_iter().chain(crate::configured::edits(scene)) {
             if let Err(fault) = self.take(&mut draft, &mut totals, &edit, Access::Anywhere(&folders)) {
@@ -106,6 +107,7 @@ impl Editor {
             }
         }
         self.limits = limits_before;
+        self.library.name_again(named_before);
         Err(problems)
     }
 
@@ -114,7 +116,8 @@ impl Editor {
         self.current.clone()
     }
 
-    /// Applies a client's edits and gives the new revision; an empty list gives the current one.
+    /// Applies a client's edits and gives the new revision; an empty list gives the current one. Files lie under the asset
+    /// roots, or are those that the configuration or a restored state has named, under their canonical paths.
     ///
     /// # Errors
     /// The first edit that cannot be applied; then nothing has changed.

@@ -423,6 +423,56 @@ fn a_file_of_the_configuration_is_stored_by_its_path_and_restored() {
 }
 
 #[test]
+fn a_client_may_give_back_what_scene_get_tells() {
+    let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let path = Sample::new().write(&folder).canonicalize().unwrap();
+    Sample::new().write(&elsewhere);
+    let other = folder.path().join("other.glb");
+    std::fs::copy(&path, &other).unwrap();
+    let node = lantern_config::SceneNode {
+        name: "model".into(),
+        uri: "a.glb".into(),
+        role: None,
+        translation_m: None,
+        rotation: None,
+        scale: None,
+    };
+    let config = lantern_config::Scene { nodes: vec![node], ..Default::default() };
+    let editor = Editor::from_config(&config, folder.path(), Limits::default(), vec![]).unwrap();
+    let told = editor.current();
+    let mut restored = Editor::new(Limits::default(), vec![]);
+    restored.restore(&told.edits()).unwrap();
+
+    let remove = edits(json!([{"remove": {"node": "model"}}])).remove(0);
+    let add = |uri: &str| edits(json!([{"add": {"node": "b", "uri": uri}}]));
+    for mut editor in [editor, restored] {
+        let again: Vec<Edit> = std::iter::once(remove.clone()).chain(told.edits()).collect();
+        assert_same(&editor.apply(&again).unwrap(), &told);
+        // Also when nothing shows it any more, but by this very path alone, and nothing beside it.
+        editor.apply(std::slice::from_ref(&remove)).unwrap();
+        let path = path.to_str().unwrap();
+        let dotted = format!("{}/./a.glb", folder.path().display());
+        for outside in [dotted.as_str(), &format!("file://{path}"), "a.glb", other.to_str().unwrap()] {
+            assert_eq!(editor.apply(&add(outside)).unwrap_err().code, "outside-asset-roots", "{outside}");
+        }
+        editor.apply(&add(path)).unwrap();
+        // Another configuration, another word; one that is refused says nothing.
+        let empty = lantern_config::Scene::default();
+        editor.reconfigure(&config, elsewhere.path().join("x").as_path(), Limits::default(), vec![]).unwrap_err();
+        editor.apply(&edits(json!([{"remove": {"node": "b"}}]))).unwrap();
+        editor.apply(&add(path)).unwrap();
+        editor.reconfigure(&empty, folder.path(), Limits::default(), vec![]).unwrap();
+        assert_eq!(editor.apply(&add(path)).unwrap_err().code, "outside-asset-roots");
+    }
+
+    // A link that took the file's place does not lead out.
+    let mut editor = Editor::from_config(&config, folder.path(), Limits::default(), vec![]).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    std::os::unix::fs::symlink(elsewhere.path().join("a.glb"), &path).unwrap();
+    assert_eq!(editor.apply(&add(path.to_str().unwrap())).unwrap_err().code, "outside-asset-roots");
+}
+
+#[test]
 fn a_changed_file_is_loaded_anew_and_an_unchanged_one_shared() {
     let (folder, mut editor) = studio();
     let scene = editor

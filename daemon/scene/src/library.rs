@@ -1,7 +1,7 @@
 //! Files and builtins behind URIs, each loaded once while anything shows it.
 
-use std::collections::HashMap;
-use std::path::Path;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
 use crate::asset::Asset;
@@ -19,12 +19,44 @@ use crate::studio::studio;
 pub(crate) struct Library {
     assets: HashMap<String, (Option<Stamp>, Weak<Asset>)>,
     environments: HashMap<String, (Option<Stamp>, Weak<GpuEnvironment>)>,
+    /// The canonical paths that the configuration or a stored state has named: `scene.get` tells them, so a client may
+    /// give them back, wherever they lie.
+    named: HashSet<String>,
 }
 
 /// Something loaded, and the URI that finds it again.
 pub(crate) type Found<T> = (Arc<T>, String);
 
 impl Library {
+    /// Forgets which paths were named, and gives them for [`Library::name_again`].
+    pub(crate) fn take_named(&mut self) -> HashSet<String> {
+        std::mem::take(&mut self.named)
+    }
+
+    /// Takes paths back that [`Library::take_named`] gave.
+    pub(crate) fn name_again(&mut self, named: HashSet<String>) {
+        self.named = named;
+    }
+
+    /// Finds the file of a URI, and whose word it is taken for: a client that gives a named path speaks for who named it.
+    fn locate<'a>(&mut self, uri: &str, access: Access<'a>) -> Result<(PathBuf, Access<'a>), Fault> {
+        let Access::Roots(roots) = access else {
+            let path = file::locate(uri, access)?;
+            let kept = kept_uri(uri, &path, access)?;
+            if path.to_str() == Some(&kept) {
+                self.named.insert(kept);
+            }
+            return Ok((path, access));
+        };
+        // Still the file of that name, and not what a link there leads to by now.
+        let stored = Access::Stored(roots);
+        let named = self.named.contains(uri).then(|| file::locate(uri, stored)).and_then(Result::ok);
+        match named.filter(|path| path.to_str() == Some(uri)) {
+            Some(path) => Ok((path, stored)),
+            None => Ok((file::locate(uri, access)?, access)),
+        }
+    }
+
     /// The asset of a URI.
     ///
     /// # Errors
@@ -36,7 +68,7 @@ impl Library {
             })
             .map(|asset| (asset, uri.to_owned()));
         }
-        let path = file::locate(uri, access)?;
+        let (path, access) = self.locate(uri, access)?;
         let asset = remember(&mut self.assets, key(&path)?, Stamp::of(&path), || {
             gltf::load(&path, access, limits).map_err(|error| Fault::new(error.code(), "uri", error.to_string()))
         })?;
@@ -60,7 +92,7 @@ impl Library {
             })
             .map(|environment| (environment, uri.to_owned()));
         }
-        let path = file::locate(uri, access)?;
+        let (path, access) = self.locate(uri, access)?;
         let environment = remember(&mut self.environments, key(&path)?, Stamp::of(&path), || {
             let bytes = file::read(&path, limits.max_file_bytes).map_err(|error| {
                 let code = if matches!(error, file::ReadError::TooLarge { .. }) { "too-large" } else { "bad-uri" };
