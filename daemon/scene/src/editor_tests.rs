@@ -1,6 +1,5 @@
 //! Sequences of edits, and what must hold after each.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
@@ -13,19 +12,31 @@ use crate::pack::{NO_TEXTURE, ROLE_PROP};
 use crate::{Changes, Edit, Editor, Limits, Role, Scene, changes};
 
 /// An asset root with the sample as a.glb, and an editor that may read it.
-fn studio() -> (tempfile::TempDir, Editor) {
+pub(crate) fn studio() -> (tempfile::TempDir, Editor) {
     let folder = tempfile::tempdir().unwrap();
     Sample::new().write(&folder);
     let editor = Editor::new(Limits::default(), vec![folder.path().to_owned()]);
     (folder, editor)
 }
 
-fn edits(json: serde_json::Value) -> Vec<Edit> {
+pub(crate) fn edits(json: serde_json::Value) -> Vec<Edit> {
     serde_json::from_value(json).unwrap()
 }
 
+/// The sample as a node of a configuration.
+pub(crate) fn model() -> lantern_config::SceneNode {
+    lantern_config::SceneNode {
+        name: "model".into(),
+        uri: "a.glb".into(),
+        role: None,
+        translation_m: None,
+        rotation: None,
+        scale: None,
+    }
+}
+
 /// What must hold of every revision.
-fn verify_invariants(scene: &Scene) {
+pub(crate) fn verify_invariants(scene: &Scene) {
     assert_eq!(scene.instances.len(), scene.top.instances.len());
     assert_eq!(scene.materials.len(), scene.gpu_materials.len());
     assert_eq!(scene.materials.len(), scene.nodes.iter().map(|node| node.material_names().count()).sum::<usize>());
@@ -76,7 +87,7 @@ fn verify_invariants(scene: &Scene) {
 }
 
 /// Compares all that is not a count of revisions or an address.
-fn assert_same(a: &Scene, b: &Scene) {
+pub(crate) fn assert_same(a: &Scene, b: &Scene) {
     let nodes = |scene: &Scene| {
         let nodes = scene.nodes.iter();
         nodes
@@ -130,105 +141,6 @@ fn an_apply_whose_last_edit_is_wrong_changes_nothing() {
     }
     let unknown = editor.apply(&edits(json!([{"material": {"name": "spere"}}]))).unwrap_err();
     assert!(unknown.message.contains("\"sphere\""), "{unknown}");
-}
-
-#[test]
-fn limits_hold_for_all_nodes_together() {
-    let limits = Limits { max_triangles: 30_000, max_nodes: 3, ..Limits::default() };
-    let mut editor = Editor::new(limits, vec![]);
-    let sphere = |name: &str| json!({"add": {"node": name, "uri": "lantern:sphere"}});
-    editor.apply(&edits(json!([sphere("a"), sphere("b")]))).unwrap();
-    let error = editor.apply(&edits(json!([{"add": {"node": "pot", "uri": "lantern:teapot"}}]))).unwrap_err();
-    assert_eq!((error.code, error.at.as_str()), ("too-large", "edits[0].uri"), "{error}");
-    let error = editor.apply(&edits(json!([sphere("c"), sphere("d")]))).unwrap_err();
-    assert_eq!((error.code, error.at.as_str()), ("too-large", "edits[1].node"), "{error}");
-}
-
-#[test]
-fn a_file_is_loaded_only_as_far_as_the_rest_of_the_scene_leaves_room() {
-    let (folder, _) = studio();
-    std::fs::copy(folder.path().join("a.glb"), folder.path().join("b.glb")).unwrap();
-    let add = |node: &str, uri: &str| json!({"add": {"node": node, "uri": uri}});
-    // The sample has three triangles and four texels.
-    for (limits, said) in [
-        (Limits { max_triangles: 5, ..Limits::default() }, "triangles so far: 3, above the limit of 2"),
-        (Limits { max_texels: 7, ..Limits::default() }, "texels so far: 4, above the limit of 3"),
-    ] {
-        let mut editor = Editor::new(limits, vec![folder.path().to_owned()]);
-        let error = editor.apply(&edits(json!([add("a", "a.glb"), add("b", "b.glb")]))).unwrap_err();
-        assert_eq!((error.code, error.at.as_str()), ("too-large", "edits[1].uri"), "{error}");
-        assert!(error.message.contains(said) && error.message.contains("leaves"), "{error}");
-        // The same file again costs nothing, and what goes first makes room.
-        editor.apply(&edits(json!([add("a", "a.glb"), add("again", "a.glb")]))).unwrap();
-        let one_of_two = edits(json!([{"remove": {"node": "a"}}, add("b", "b.glb")]));
-        assert_eq!(editor.apply(&one_of_two).unwrap_err().at, "edits[1].uri");
-        let both = json!([{"remove": {"node": "a"}}, {"remove": {"node": "again"}}, add("b", "b.glb")]);
-        verify_invariants(&editor.apply(&edits(both)).unwrap());
-    }
-}
-
-#[test]
-fn lights_are_bounded_whoever_brings_them() {
-    let mut editor = Editor::new(Limits::default(), vec![]);
-    let lamps = |count: usize| {
-        let lamp = |i| json!({"light": {"name": format!("lamp {i}"), "kind": "point"}});
-        edits(json!((0..count).map(lamp).collect::<Vec<_>>()))
-    };
-    let error = editor.apply(&lamps(9000)).unwrap_err();
-    assert_eq!((error.code, error.at.as_str()), ("too-large", "edits[64].name"), "{error}");
-    assert!(error.message.contains("limit of 64 (limits.max_lights)"), "{error}");
-    assert_eq!(editor.apply(&lamps(64)).unwrap().lights.len(), 64);
-    // What is there may change, and goes to make room.
-    let other = json!({"light": {"name": "other", "kind": "point"}});
-    editor.apply(&edits(json!([{"light": {"name": "lamp 0", "intensity": 2}}]))).unwrap();
-    editor.apply(&edits(json!([{"light": {"name": "lamp 0", "remove": true}}, other]))).unwrap();
-
-    // The sample brings three.
-    let (folder, _) = studio();
-    let limits = Limits { max_lights: 3, ..Limits::default() };
-    let mut editor = Editor::new(limits, vec![folder.path().to_owned()]);
-    let add = |node: &str| json!({"add": {"node": node, "uri": "a.glb"}});
-    assert_eq!(editor.apply(&edits(json!([add("a")]))).unwrap().lights.len(), 3);
-    for (edit, at) in [(add("b"), "edits[0].uri"), (other.clone(), "edits[0].name")] {
-        let error = editor.apply(&edits(json!([edit]))).unwrap_err();
-        assert_eq!((error.code, error.at.as_str()), ("too-large", at), "{error}");
-        assert!(error.message.contains("limits.max_lights"), "{error}");
-    }
-    let dark = json!({"light": {"name": "a/lamp", "remove": true}});
-    assert_eq!(editor.apply(&edits(json!([dark, other]))).unwrap().lights.len(), 3);
-    let lit = json!({"light": {"name": "a/lamp", "intensity": 2}});
-    assert_eq!(editor.apply(&edits(json!([lit]))).unwrap_err().at, "edits[0].name");
-
-    // The configuration is held to it as well, and a file that has too many by itself is not taken.
-    let limits = Limits { max_lights: 2, ..limits };
-    let light = |name: &str| lantern_config::SceneLight {
-        name: name.into(),
-        kind: lantern_config::LightKind::Directional,
-        position_m: None,
-        direction: None,
-        color: None,
-        intensity: None,
-        inner_cone_rad: None,
-        outer_cone_rad: None,
-    };
-    let node = lantern_config::SceneNode {
-        name: "model".into(),
-        uri: "a.glb".into(),
-        role: None,
-        translation_m: None,
-        rotation: None,
-        scale: None,
-    };
-    let lights = vec![light("1"), light("2"), light("3")];
-    let config = lantern_config::Scene { nodes: vec![node], lights, ..Default::default() };
-    let problems = Editor::from_config(&config, folder.path(), limits, vec![]).unwrap_err();
-    let found: Vec<_> = problems.iter().map(|p| (p.code, p.at.as_str(), p.field)).collect();
-    assert_eq!(
-        found,
-        [("too-large", "scene.node \"model\"", "uri"), ("too-large", "scene.light \"3\"", "name")],
-        "{problems:?}"
-    );
-    assert!(problems[0].message.contains("lights so far: 3, above the limit of 2"), "{problems:?}");
 }
 
 #[test]
@@ -346,14 +258,7 @@ fn a_role_that_is_said_wins_over_the_files() {
 
     // And so does the configuration.
     for (role, expected) in [(None, vec![prop, prop, mask]), (Some(lantern_config::Role::Prop), vec![prop; 3])] {
-        let node = lantern_config::SceneNode {
-            name: "model".into(),
-            uri: "a.glb".into(),
-            role,
-            translation_m: None,
-            rotation: None,
-            scale: None,
-        };
+        let node = lantern_config::SceneNode { role, ..model() };
         let config = lantern_config::Scene { nodes: vec![node], ..Default::default() };
         let editor = Editor::from_config(&config, folder.path(), Limits::default(), vec![]).unwrap();
         assert_eq!(roles(&editor.current()), expected);
@@ -385,106 +290,6 @@ fn scene_get_lists_all_adds_first() {
         {"environment": {"color": [0.0, 0.0, 0.0]}},
     ]));
     assert_eq!(scene.edits(), expected);
-}
-
-#[test]
-fn a_file_of_the_configuration_is_stored_by_its_path_and_restored() {
-    let folder = tempfile::tempdir().unwrap();
-    Sample::new().write(&folder);
-    let node = lantern_config::SceneNode {
-        name: "model".into(),
-        uri: "a.glb".into(),
-        role: None,
-        translation_m: None,
-        rotation: None,
-        scale: None,
-    };
-    let mut config = lantern_config::Scene { nodes: vec![node.clone()], ..Default::default() };
-    config.environment = Some(lantern_config::Environment::Color("#ffffff".into()));
-    let mut editor = Editor::from_config(&config, folder.path(), Limits::default(), vec![]).unwrap();
-    let scene = editor.current();
-    assert_eq!((scene.revision, scene.environment.texels[0][0]), (1, 1.0));
-    assert!(PathBuf::from(&scene.nodes[0].uri).is_absolute());
-
-    // A client may not have it, the daemon's own store may.
-    let mut other = Editor::new(Limits::default(), vec![]);
-    assert_eq!(other.apply(&scene.edits()).unwrap_err().code, "outside-asset-roots");
-    assert_same(&other.restore(&scene.edits()).unwrap(), &scene);
-
-    // Loaded again unchanged, it is the same to the last section; a bad one changes nothing and says all that is wrong.
-    let again = editor.reconfigure(&config, folder.path(), Limits::default(), vec![]).unwrap();
-    assert_eq!((changes(&scene, &again), again.revision), (Changes::default(), 2));
-    let gone = lantern_config::SceneNode { name: "x".into(), uri: "gone.glb".into(), ..node.clone() };
-    let odd = lantern_config::SceneNode { name: "y".into(), uri: "lantern:odd".into(), ..node };
-    config.nodes.extend([gone, odd]);
-    let problems = editor.reconfigure(&config, folder.path(), Limits::default(), vec![]).unwrap_err();
-    assert_eq!(problems.iter().map(|p| p.at.as_str()).collect::<Vec<_>>(), ["scene.node \"x\"", "scene.node \"y\""]);
-    assert!(Arc::ptr_eq(&editor.current(), &again));
-}
-
-#[test]
-fn a_client_may_give_back_what_scene_get_tells() {
-    let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let path = Sample::new().write(&folder).canonicalize().unwrap();
-    Sample::new().write(&elsewhere);
-    let other = folder.path().join("other.glb");
-    std::fs::copy(&path, &other).unwrap();
-    let node = lantern_config::SceneNode {
-        name: "model".into(),
-        uri: "a.glb".into(),
-        role: None,
-        translation_m: None,
-        rotation: None,
-        scale: None,
-    };
-    let config = lantern_config::Scene { nodes: vec![node], ..Default::default() };
-    let editor = Editor::from_config(&config, folder.path(), Limits::default(), vec![]).unwrap();
-    let told = editor.current();
-    let mut restored = Editor::new(Limits::default(), vec![]);
-    restored.restore(&told.edits()).unwrap();
-
-    let remove = edits(json!([{"remove": {"node": "model"}}])).remove(0);
-    let add = |uri: &str| edits(json!([{"add": {"node": "b", "uri": uri}}]));
-    for mut editor in [editor, restored] {
-        let again: Vec<Edit> = std::iter::once(remove.clone()).chain(told.edits()).collect();
-        assert_same(&editor.apply(&again).unwrap(), &told);
-        // Also when nothing shows it any more, but by this very path alone, and nothing beside it.
-        editor.apply(std::slice::from_ref(&remove)).unwrap();
-        let path = path.to_str().unwrap();
-        let dotted = format!("{}/./a.glb", folder.path().display());
-        for outside in [dotted.as_str(), &format!("file://{path}"), "a.glb", other.to_str().unwrap()] {
-            assert_eq!(editor.apply(&add(outside)).unwrap_err().code, "outside-asset-roots", "{outside}");
-        }
-        editor.apply(&add(path)).unwrap();
-        // Another configuration, another word; one that is refused says nothing.
-        let empty = lantern_config::Scene::default();
-        editor.reconfigure(&config, elsewhere.path().join("x").as_path(), Limits::default(), vec![]).unwrap_err();
-        editor.apply(&edits(json!([{"remove": {"node": "b"}}]))).unwrap();
-        editor.apply(&add(path)).unwrap();
-        editor.reconfigure(&empty, folder.path(), Limits::default(), vec![]).unwrap();
-        assert_eq!(editor.apply(&add(path)).unwrap_err().code, "outside-asset-roots");
-    }
-
-    // A link that took the file's place does not lead out.
-    let mut editor = Editor::from_config(&config, folder.path(), Limits::default(), vec![]).unwrap();
-    std::fs::remove_file(&path).unwrap();
-    std::os::unix::fs::symlink(elsewhere.path().join("a.glb"), &path).unwrap();
-    assert_eq!(editor.apply(&add(path.to_str().unwrap())).unwrap_err().code, "outside-asset-roots");
-}
-
-#[test]
-fn a_changed_file_is_loaded_anew_and_an_unchanged_one_shared() {
-    let (folder, mut editor) = studio();
-    let scene = editor
-        .apply(&edits(json!([{"add": {"node": "a", "uri": "a.glb"}}, {"add": {"node": "b", "uri": "./a.glb"}}])))
-        .unwrap();
-    assert_eq!((scene.meshes.len(), scene.instances.len()), (2, 6));
-    let mut sample = Sample::new();
-    sample.json["materials"][0]["name"] = json!("another name for it");
-    sample.write(&folder);
-    let scene = editor.apply(&edits(json!([{"add": {"node": "c", "uri": "a.glb"}}]))).unwrap();
-    assert!(scene.nodes[2].material_names().any(|name| name == "another name for it"));
-    assert_eq!(scene.meshes.len(), 4);
 }
 
 #[test]

@@ -18,8 +18,12 @@ mod file;
 mod gltf;
 mod irradiance;
 mod library;
+#[cfg(test)]
+mod library_tests;
 mod light;
 mod limits;
+#[cfg(test)]
+mod limits_tests;
 mod material;
 mod mesh;
 pub mod pack;
