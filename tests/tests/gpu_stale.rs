@@ -2,7 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use glam::{DVec3, UVec2};
-use lantern_render::{RayCounts, Settings};
+use lantern_render::{Layer, RayCounts, Settings};
 use lantern_scene::Editor;
 use lantern_tests::{
     gpu::{ONE_SAMPLE, Rig, assert_validation_is_silent},
@@ -115,6 +115,48 @@ fn a_moving_eye_costs_a_diffuse_scene_no_ray() {
     assert!(full.primary > 0 && full.shadow > 0 && full.secondary == 0, "{full:?}");
     if let Some(rays) = setting.frame(MOVED_M) {
         assert_eq!((rays.primary, rays.secondary, rays.shadow, rays.blend), (0, 0, 0, 0));
+    }
+    assert_validation_is_silent();
+}
+
+/// A projector that is calibrated anew is traced anew; of the other one, the weights alone are.
+#[test]
+fn a_calibration_redoes_its_own_picture_and_the_others_weights() {
+    let mut setting = Setting::new(json!({"roughness": 1}), false);
+    setting.frame(EYE_M).unwrap();
+    let renderer = &mut setting.rig.renderer;
+    let mut specs: Vec<_> = renderer.projectors().cloned().collect();
+    renderer.set_projectors(specs.clone()).unwrap();
+    assert!(renderer.render(|| vec![EYE_M]).unwrap().is_none(), "the same projectors are nothing new");
+
+    // The left one stands elsewhere now.
+    let at = Stand::new(DVec3::new(-1.3, 1.7, 3.0), DVec3::new(0.0, 0.5, 0.0), SIZE_PX).calibration();
+    specs[0].calibration = at;
+    renderer.set_projectors(specs.clone()).unwrap();
+    let report = renderer.render(|| vec![EYE_M]).unwrap().unwrap();
+    let rays: Vec<_> = report.projectors.iter().map(|p| p.rays.unwrap()).collect();
+    println!("left, which moved: {:?}; right: {:?}", rays[0], rays[1]);
+    assert_eq!((rays[0].primary, rays[1].primary), (PIXELS, 0));
+    assert!(rays[0].shadow > 0 && rays[0].blend > 0 && rays[1].blend > 0);
+    assert_eq!(rays[1].shadow, 0);
+
+    // What comes of it is what a renderer shows that never knew anything else, to the bit; also after one has gone.
+    for count in [2, 1] {
+        specs.truncate(count);
+        renderer.set_projectors(specs.clone()).unwrap();
+        renderer.render(|| vec![EYE_M]).unwrap();
+        let named: Vec<_> = specs.iter().map(|s| (s.name.as_str(), s.calibration)).collect();
+        let settings = *renderer.settings();
+        let anew = Rig::shown(renderer.scene(), &named, settings, &[EYE_M]);
+        for projector in 0..count {
+            for layer in [Layer::Color, Layer::Weight] {
+                let shown = renderer.read(projector, layer).unwrap();
+                assert!(
+                    shown == anew.renderer.read(projector, layer).unwrap(),
+                    "{count} projectors, {projector}, {layer:?}"
+                );
+            }
+        }
     }
     assert_validation_is_silent();
 }

@@ -15,7 +15,7 @@ use crate::pattern::Pattern;
 use crate::pipelines::Pipelines;
 use crate::raster::RasterNode;
 use crate::settings::{ProjectorSpec, RasterOrder, Settings};
-use crate::stale::Stale;
+use crate::stale::{Change, Stale};
 use crate::targets::Targets;
 use crate::{RenderError, blend, composite, edges, light, primary, raster, resolve, secondary};
 
@@ -55,6 +55,15 @@ impl Projector {
             shown_viewers: Vec::new(),
             state_written: false,
         })
+    }
+
+    /// Takes another calibration of the same resolution.
+    pub(crate) fn recalibrate(&mut self, spec: ProjectorSpec) {
+        if self.spec != spec {
+            self.stale |= Change::Calibration.makes_stale();
+            self.frustum = Frustum::new(spec.calibration);
+            self.spec = spec;
+        }
     }
 
     /// Takes a revision: what it draws, and, where `rebound`, the buffers that it reads.

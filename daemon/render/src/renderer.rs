@@ -135,6 +135,53 @@ impl Renderer {
         self.device.queue(projector)
     }
 
+    /// Takes other projectors. One that keeps its name and resolution keeps its buffers, and what of its picture its own or the
+    /// others' calibrations do not make stale; a test pattern stays with its projector's name.
+    ///
+    /// # Errors
+    /// What Vulkan says of a new projector's buffers; then nothing has changed.
+    pub fn set_projectors(&mut self, specs: Vec<ProjectorSpec>) -> Result<(), RenderError> {
+        let same_image = |old: &Projector, spec: &ProjectorSpec| {
+            old.spec.name == spec.name && old.spec.calibration.resolution_px() == spec.calibration.resolution_px()
+        };
+        if self.projectors.iter().map(|p| &p.spec).eq(&specs) {
+            return Ok(());
+        }
+
+        // What can fail comes first.
+        let mut made = Vec::new();
+        for (index, spec) in specs.iter().enumerate() {
+            let kept = self.projectors.iter().any(|old| same_image(old, spec));
+            let new = || Projector::new(&self.device, spec.clone(), index, self.settings.samples);
+            made.push(if kept { None } else { Some(new()?) });
+        }
+        let frusta = frusta_buffer(&self.device, specs.len())?;
+
+        // Weights depend on every calibration, a picture on its own.
+        let mut old = std::mem::take(&mut self.projectors);
+        for (index, (spec, new)) in specs.into_iter().zip(made).enumerate() {
+            let at = old.iter().position(|p| p.spec.name == spec.name);
+            let before = at.map(|at| old.swap_remove(at));
+            let mut projector = match (new, before) {
+                (Some(mut new), before) => {
+                    new.pattern = before.map_or(Pattern::Off, |b| b.pattern);
+                    new
+                }
+                (None, Some(kept)) => kept,
+                // A kept one is there to be kept: its name was found above, and names are unique.
+                (None, None) => continue,
+            };
+            projector.queue = index;
+            projector.stale |= Change::OtherCalibration.makes_stale();
+            projector.recalibrate(spec);
+            self.projectors.push(projector);
+        }
+        self.frusta = frusta;
+        self.frusta_written = false;
+        self.rebind = true;
+        Ok(())
+    }
+
     /// Takes another revision of the scene for the next frame.
     pub fn set_scene(&mut self, scene: Arc<Scene>) {
         if Arc::ptr_eq(&self.scene, &scene) {
@@ -168,11 +215,6 @@ impl Renderer {
             of.stale |= Change::Pattern.makes_stale();
         }
         Ok(())
-    }
-
-    /// The test patterns that are shown, by projector.
-    pub fn patterns(&self) -> impl Iterator<Item = (&str, Pattern)> {
-        self.projectors.iter().map(|p| (p.spec.name.as_str(), p.pattern))
     }
 
     /// Renders what is stale. `newest_viewers` is asked twice: to learn whether an eye has moved, and again right before the

@@ -253,17 +253,20 @@ impl FrameThread {
     /// Takes another setup and shows it, or keeps the old one where the new one cannot be made or shown.
     fn reconfigure(&mut self, setup: Setup) -> Ended {
         let began = Instant::now();
-        let mut renderer = Renderer::new(&self.device, setup.projectors, setup.settings, setup.scene)?;
-        // Whoever aligns a projector reloads its calibration under a test pattern, which stays.
-        let names: Vec<_> = renderer.projectors().map(|p| p.name.clone()).collect();
-        for (name, pattern) in self.renderer.patterns() {
-            if let Some(index) = names.iter().position(|n| n == name) {
-                renderer.set_pattern(index, pattern)?;
+        let report = if setup.settings == *self.renderer.settings() {
+            let before = (self.renderer.projectors().cloned().collect(), self.renderer.scene().clone());
+            let taken = self.take(setup.projectors, setup.scene);
+            if taken.as_ref().is_err_and(|error| !is_fatal(error)) {
+                self.take(before.0, before.1)?;
             }
-        }
-        let report = renderer.render(|| eyes(&self.links.bodies))?;
-        self.links.shared.publish_shown(renderer.scene());
-        self.renderer = renderer;
+            taken?
+        } else {
+            let mut renderer = Renderer::new(&self.device, setup.projectors, setup.settings, setup.scene)?;
+            let report = renderer.render(|| eyes(&self.links.bodies))?;
+            self.renderer = renderer;
+            report
+        };
+        self.links.shared.publish_shown(self.renderer.scene());
         self.links.stats.set_projectors(self.renderer.projectors().map(|p| p.name.as_str()));
         self.clock = clock_of(&setup.refresh_hz);
         self.counted_refresh = 0;
@@ -272,6 +275,13 @@ impl FrameThread {
             self.count(&report, began);
         }
         Ok(())
+    }
+
+    /// Shows a scene on these projectors.
+    fn take(&mut self, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>) -> Result<Option<FrameReport>, RenderError> {
+        self.renderer.set_projectors(projectors)?;
+        self.renderer.set_scene(scene);
+        self.renderer.render(|| eyes(&self.links.bodies))
     }
 }
 
