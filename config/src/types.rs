@@ -193,9 +193,10 @@ pub enum Convention {
 pub struct Limits {
     /// Clients of the control socket at a time. Default 16.
     pub max_clients: u32,
-    /// Nodes of the scene, those inside files counted. Default 65536.
+    /// Nodes of the scene, those inside files counted; materials of all nodes likewise. Default 65536.
     pub max_nodes: u32,
-    /// Lights that shine, those inside files counted. Default 64.
+    /// Lights that shine, those inside files counted. Default 16; at most 32, so that no walk of rays through many lights
+    /// reaches the 65,535 turns after which lavapipe 22.3 ends loops silently.
     pub max_lights: u32,
     /// Triangles of all meshes, each counted once however often it is placed. Default 16 million.
     pub max_triangles: u64,
@@ -210,7 +211,7 @@ impl Default for Limits {
         Self {
             max_clients: 16,
             max_nodes: 65_536,
-            max_lights: 64,
+            max_lights: 16,
             max_triangles: 16_000_000,
             max_texels: 1 << 26,
             max_file_mib: 1024,

@@ -158,8 +158,8 @@ fn numbers_must_be_in_range() {
         let output = format!("output = {{ kind = \"headless\", refresh_hz = {hz} }}\nresolution_px");
         one("resolution_px", &output, if hz == "nan" { "finite" } else { "from 1 to 1000" });
     }
-    one("[scene]", "[limits]\nmax_lights = 0\n[scene]", "1 to 4096");
-    one("[scene]", "[limits]\nmax_lights = 4097\n[scene]", "1 to 4096");
+    one("[scene]", "[limits]\nmax_lights = 0\n[scene]", "1 to 32");
+    one("[scene]", "[limits]\nmax_lights = 33\n[scene]", "1 to 32");
     one("[scene]", &render("raster = \"later\""), "did you mean \"after\"?");
     one("uri =", "rotation = [0, 0, 0, 2]\nuri =", "norm 2");
     one("uri =", "scale = [1, 0, 1]\nuri =", "not 0");

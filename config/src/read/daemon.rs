@@ -69,7 +69,7 @@ pub(crate) fn limits(table: Table<'_>) -> Limits {
     };
     small("max_clients", 4096, &mut limits.max_clients);
     small("max_nodes", 1 << 24, &mut limits.max_nodes);
-    small("max_lights", 4096, &mut limits.max_lights);
+    small("max_lights", 32, &mut limits.max_lights);
     small("max_file_mib", 1 << 20, &mut limits.max_file_mib);
     let large = |key, limit: &mut u64| {
         if let Some(number) = table.get(key).and_then(|value| value.integer(1..=u64::from(u32::MAX))) {

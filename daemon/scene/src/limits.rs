@@ -9,7 +9,7 @@ pub struct Limits {
     pub max_triangles: usize,
     /// Texels of all textures together; of the environment's level 0 as well, counted by itself.
     pub max_texels: usize,
-    /// Placed meshes and lights, of all nodes together.
+    /// Placed meshes and lights, of all nodes together; their materials likewise, counted by themselves.
     pub max_nodes: usize,
     /// Lights that shine, imported ones and others together: each is asked at every hit.
     pub max_lights: usize,
@@ -23,7 +23,7 @@ impl Default for Limits {
             max_triangles: 16_000_000,
             max_texels: 1 << 26,
             max_nodes: 65_536,
-            max_lights: 64,
+            max_lights: 16,
         }
     }
 }

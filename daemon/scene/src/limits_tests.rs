@@ -18,6 +18,17 @@ fn limits_hold_for_all_nodes_together() {
 }
 
 #[test]
+fn every_nodes_materials_count() {
+    let mut editor = Editor::new(Limits { max_nodes: 3, ..Limits::default() }, vec![]);
+    // Two materials each.
+    let floor = |name: &str| json!({"add": {"node": name, "uri": "lantern:checker"}});
+    let error = editor.apply(&edits(json!([floor("a"), floor("b")]))).unwrap_err();
+    assert_eq!((error.code, error.at.as_str()), ("too-large", "edits[1].uri"), "{error}");
+    assert!(error.message.starts_with("materials of the whole scene would be 4, above the limit of 3"), "{error}");
+    editor.apply(&edits(json!([floor("a"), {"remove": {"node": "a"}}, floor("b")]))).unwrap();
+}
+
+#[test]
 fn a_file_is_loaded_only_as_far_as_the_rest_of_the_scene_leaves_room() {
     let (folder, _) = studio();
     std::fs::copy(folder.path().join("a.glb"), folder.path().join("b.glb")).unwrap();
@@ -49,7 +60,7 @@ fn lights_are_bounded_whoever_brings_them() {
     };
     let error = editor.apply(&lamps(9000)).unwrap_err();
     assert_eq!((error.code, error.at.as_str()), ("too-large", "edits[64].name"), "{error}");
-    assert!(error.message.contains("limit of 64 (limits.max_lights)"), "{error}");
+    assert!(error.message.contains("limit of 16 (limits.max_lights)"), "{error}");
     assert_eq!(editor.apply(&lamps(64)).unwrap().lights.len(), 64);
     // What is there may change, and goes to make room.
     let other = json!({"light": {"name": "other", "kind": "point"}});

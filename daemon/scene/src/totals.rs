@@ -17,6 +17,8 @@ pub(crate) struct Totals {
     texels: usize,
     /// Meshes and lights; a node counts as one at least.
     placed: usize,
+    /// Of all nodes: each has its own.
+    materials: usize,
     /// Those that shine.
     lights: usize,
 }
@@ -58,6 +60,7 @@ impl Totals {
         check("uri", "triangles", self.triangles + triangles, limits.max_triangles, "max_triangles")?;
         check("uri", "texels", self.texels + texels, limits.max_texels, "max_texels")?;
         check("uri", "placed meshes and lights", self.placed + placed(asset), limits.max_nodes, "max_nodes")?;
+        check("uri", "materials", self.materials + asset.materials.len(), limits.max_nodes, "max_nodes")?;
         check("uri", "lights", self.lights + asset.lights.len(), limits.max_lights, "max_lights")
     }
 
@@ -69,6 +72,7 @@ impl Totals {
             self.texels += node.asset.texel_count();
         }
         self.placed += placed(&node.asset);
+        self.materials += node.materials.len();
         self.lights += shining(node);
     }
 
@@ -84,6 +88,7 @@ impl Totals {
             }
         }
         self.placed -= placed(&node.asset);
+        self.materials -= node.materials.len();
         self.lights -= shining(node);
     }
 
