@@ -1,5 +1,4 @@
 //! Test patterns on a real daemon: exactly the pattern in place of the scene, on the projectors asked for, and the scene again.
-#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use lantern_tests::{harness::Daemon, lab};
 use serde_json::json;
