@@ -1,10 +1,10 @@
 //! The control socket (CONTRACT, "Socket protocol"): one JSON object a line, over a Unix stream socket.
 //!
 //! - [`engine`]: what the socket asks of the daemon;
-//! - [`listener`]: the socket file, of which one daemon at a time is the owner;
-//! - [`server`]: accepting clients, no more than the limit;
-//! - [`session`]: one client, its requests in order;
-//! - [`line`](self): lines in, bytes out, neither without bounds.
+//! - `listener`: the socket file, of which one daemon at a time is the owner;
+//! - `server`: accepting clients, no more than the limit;
+//! - `session`: one client, its requests in order;
+//! - `line`: lines in, bytes out, neither without bounds.
 //!
 //! Everything here runs on tokio and waits for clients; the engine's methods run on its blocking threads, so that a
 //! client never waits for another one's request, and no frame ever waits for a client.

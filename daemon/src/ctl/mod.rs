@@ -1,9 +1,9 @@
 //! `lanternctl`: one command, one request, one answer; it knows the socket protocol and nothing of what is behind it.
 //!
-//! - [`args`]: what can be asked, and the help that teaches it;
-//! - [`client`]: the socket's other end;
-//! - [`command`]: from arguments to requests, and from answers to text;
-//! - [`table`]: `status` for people.
+//! - `args`: what can be asked, and the help that teaches it;
+//! - `client`: the socket's other end;
+//! - `command`: from arguments to requests, and from answers to text;
+//! - `table`: `status` for people.
 
 mod args;
 mod client;
