@@ -350,7 +350,8 @@ impl Renderer {
     pub fn room(&mut self, eye: DVec3, size_px: [u32; 2]) -> Result<LayerImage, RenderError> {
         let pipelines = self.pipelines()?;
         let pictures = self.projectors.iter().map(|p| p.targets.color.clone()).collect();
-        let of = room::View { scene: &self.scene, settings: &self.settings, pictures };
+        let frusta = self.projectors.iter().map(|p| p.frustum).collect();
+        let of = room::View { frusta, scene: &self.scene, settings: &self.settings, pictures };
         room::render(&self.device, &pipelines, &self.catalogue(), &of, eye, size_px)
     }
 }

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use glam::dcamera::rh::{proj, view};
-use glam::{DMat4, DVec3, UVec2};
+use glam::{DMat4, DVec2, DVec3, UVec2};
 use lantern_calibration::{Calibration, CalibrationError, Convention, Frustum, GpuFrustum};
 use lantern_gpu::{Buffer, BufferKind, Device, Recorder};
-use lantern_scene::{Role, Scene};
+use lantern_scene::{PRIMARY_ROLES, Role, Scene};
 
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
@@ -21,11 +21,13 @@ use crate::{RenderError, shaders};
 pub(crate) struct View<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) settings: &'a Settings,
-    /// What each projector shows, in order.
+    /// Where each projector's rays leave, in order.
+    pub(crate) frusta: Vec<Frustum>,
+    /// What each shows.
     pub(crate) pictures: Vec<Arc<Buffer>>,
 }
 
-/// Renders the view from `eye` toward the middle of the props, as wide as they are.
+/// Renders the view from `eye` toward what the projectors light, as wide as that is.
 pub(crate) fn render(
     device: &Arc<Device>,
     pipelines: &Pipelines,
@@ -34,8 +36,7 @@ pub(crate) fn render(
     eye: DVec3,
     size_px: [u32; 2],
 ) -> Result<LayerImage, RenderError> {
-    let (low, high) = props_bounds(view.scene);
-    let camera = look_at(eye, low, high, size_px)?;
+    let camera = look_at(eye, &subject(view), size_px)?;
     let frustum = GpuFrustum::new(&Frustum::new(camera), view.scene.origin_m);
     let frame = GpuFrame::new(frustum, view.scene, &[eye], view.settings, (0, view.pictures.len()));
 
@@ -76,34 +77,61 @@ pub(crate) fn render(
     })
 }
 
-/// The box around what stands physically in the room, m; around the origin where nothing does.
-fn props_bounds(scene: &Scene) -> (DVec3, DVec3) {
+/// Columns and rows of the rays by which a projector's lit points are found.
+const GRID: [u32; 2] = [24, 16];
+
+/// What to look at: points that projectors light, m; the corners of the props where none is lit, and of the world's middle where there
+/// is no prop either.
+fn subject(view: &View<'_>) -> Vec<DVec3> {
+    let mut lit = Vec::new();
+    for frustum in &view.frusta {
+        let size_px = frustum.calibration().resolution_px().as_dvec2();
+        for place in (0..GRID[0]).flat_map(|x| (0..GRID[1]).map(move |y| DVec2::new(f64::from(x), f64::from(y)) + 0.5))
+        {
+            let place_px = place / DVec2::new(f64::from(GRID[0]), f64::from(GRID[1])) * size_px;
+            let Some(ray) = frustum.ray(place_px) else { continue };
+            let hit = view.scene.cast(ray.origin_m, ray.direction, 0.0, ray.t_max_m, PRIMARY_ROLES);
+            lit.extend(hit.map(|h| ray.origin_m + ray.direction * h.t));
+        }
+    }
+    if !lit.is_empty() {
+        return lit;
+    }
     let physical = |i: &&lantern_scene::Instance| i.visible && matches!(i.role, Role::Prop | Role::Mask);
-    let boxes = scene.instances.iter().filter(physical).filter_map(|i| scene.bounds_of(i.node));
-    boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((DVec3::splat(-1.0), DVec3::splat(1.0)))
+    let boxes = view.scene.instances.iter().filter(physical).filter_map(|i| view.scene.bounds_of(i.node));
+    let props: Vec<_> = boxes.flat_map(|(low, high)| corners(low, high)).collect();
+    if props.is_empty() { corners(DVec3::splat(-1.0), DVec3::splat(1.0)).into() } else { props }
 }
 
-/// A camera at `eye` that looks at the middle of a box and sees all of it.
-fn look_at(eye: DVec3, low: DVec3, high: DVec3, size_px: [u32; 2]) -> Result<Calibration, CalibrationError> {
+fn corners(low: DVec3, high: DVec3) -> [DVec3; 8] {
+    std::array::from_fn(|i| {
+        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        DVec3::new(pick(0), pick(1), pick(2))
+    })
+}
+
+/// A camera at `eye` that sees all of these points, of which there is at least one, with a little room around them.
+fn look_at(eye: DVec3, points: &[DVec3], size_px: [u32; 2]) -> Result<Calibration, CalibrationError> {
+    let low = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
     let middle = (low + high) * 0.5;
-    let radius = (high - low).length() * 0.5;
+    let radius = ((high - low).length() * 0.5).max(1e-3);
     let distance = (eye - middle).length().max(1e-3);
     let forward = (middle - eye).normalize_or(DVec3::NEG_Z);
     let up = if forward.y.abs() > 0.999 { DVec3::NEG_Z } else { DVec3::Y };
     let eye_from_world = view::look_to_mat4(eye, forward, up);
 
-    // The smallest field of view that holds the corners in front of the eye; an eye among the props gets a wide one.
+    // The smallest field of view that holds them; an eye among the props gets a wide one.
     let aspect = f64::from(size_px[0]) / f64::from(size_px[1]);
     let mut tangent = 0.02_f64;
-    for corner in 0..8 {
-        let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
-        let at = eye_from_world.transform_point3(DVec3::new(pick(0), pick(1), pick(2)));
+    for point in points {
+        let at = eye_from_world.transform_point3(*point);
         let ahead = (-at.z).max(1e-6);
         tangent = tangent.max(at.y.abs() / ahead).max(at.x.abs() / ahead / aspect);
     }
-    let vertical_fov = 2.0 * tangent.min(1.2).atan();
-    let near = (distance - radius).max(distance * 0.02);
-    let clip_from_eye = proj::opengl::perspective(vertical_fov, aspect, near, distance + radius * 2.0);
+    let vertical_fov = 2.0 * (tangent * 1.08).min(1.2).atan();
+    let near = (distance - 2.0 * radius).max(distance * 0.02);
+    let clip_from_eye = proj::opengl::perspective(vertical_fov, aspect, near, distance + radius * 4.0);
     let rows = |m: DMat4| m.transpose().to_cols_array_2d();
     Calibration::from_matrices(&rows(clip_from_eye), &rows(eye_from_world), Convention::OpenGl, UVec2::from(size_px))
 }
