@@ -167,6 +167,8 @@ fn bench_times_every_case() {
                 assert!(found["rays"][kind].is_u64(), "{case} {kind}: {found}");
             }
             assert!(found["mray_s"].is_object());
+            // One sample a pixel: 12 bytes for the plane and 108 once.
+            assert!((120..130).contains(&(found["gpu_bytes"].as_u64().unwrap() / (96 * 64))), "{found}");
         }
     }
     let full = &all["cases"]["full"]["projectors"]["left"];

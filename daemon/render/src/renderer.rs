@@ -130,6 +130,11 @@ impl Renderer {
         self.projectors.iter().map(|p| &p.spec)
     }
 
+    /// Bytes of device memory that each projector has for itself, in order; the scene's are shared.
+    pub fn projector_bytes(&self) -> impl Iterator<Item = u64> {
+        self.projectors.iter().map(|p| p.targets.bytes())
+    }
+
     /// Which queue a projector's work goes to.
     pub fn queue(&self, projector: usize) -> &lantern_gpu::Queue {
         self.device.queue(projector)

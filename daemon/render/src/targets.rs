@@ -103,6 +103,26 @@ impl Targets {
             .with_buffer("Counters", &self.counters)
     }
 
+    /// Bytes of all of it on the device.
+    pub(crate) fn bytes(&self) -> u64 {
+        let single = [
+            &self.frame,
+            &self.sample_state,
+            &self.closest,
+            &self.light,
+            &self.look,
+            &self.edge,
+            &self.weight,
+            &self.shown,
+            &self.depth_and_node,
+            &self.color,
+            &self.counters,
+        ];
+        let buffers = single.into_iter().chain(&self.hits).chain(&self.live).map(|b| b.bytes());
+        let images = [&self.radiance_image, &self.node_image, &self.depth_image].into_iter().map(|i| i.bytes());
+        buffers.chain(images).sum()
+    }
+
     /// Workgroups of 8 × 8 that cover the image.
     pub(crate) fn groups(&self) -> [u32; 3] {
         [self.size_px[0].div_ceil(8), self.size_px[1].div_ceil(8), 1]

@@ -54,6 +54,8 @@ struct Times {
     frame: Histogram<u64>,
     stages: BTreeMap<&'static str, Histogram<u64>>,
     rays: RayCounts,
+    /// Of the projector alone.
+    gpu_bytes: u64,
 }
 
 fn histogram() -> Histogram<u64> {
@@ -116,10 +118,10 @@ fn run_case(
     frames: u32,
 ) -> anyhow::Result<BTreeMap<String, Times>> {
     let names: Vec<String> = renderer.projectors().map(|p| p.name.clone()).collect();
-    let mut all: BTreeMap<String, Times> = names
-        .iter()
-        .map(|n| (n.clone(), Times { frame: histogram(), stages: BTreeMap::new(), rays: RayCounts::default() }))
-        .collect();
+    let nothing =
+        |gpu_bytes| Times { frame: histogram(), stages: BTreeMap::new(), rays: RayCounts::default(), gpu_bytes };
+    let mut all: BTreeMap<String, Times> =
+        names.iter().zip(renderer.projector_bytes()).map(|(n, bytes)| (n.clone(), nothing(bytes))).collect();
     // One prop moves; a scene without any has none to move.
     let prop = renderer
         .scene()
@@ -219,7 +221,7 @@ fn to_json(done: &Done<'_>) -> Value {
         let rays: BTreeMap<_, _> = kinds(&times.rays).into_iter().map(|(k, n, _)| (k, n)).collect();
         let speed: BTreeMap<_, _> =
             kinds(&times.rays).into_iter().filter_map(|(k, n, s)| Some((k, mray_s(times, n, s)?))).collect();
-        json!({ "frame_ms": percentiles(&times.frame), "stages_ms": stages, "rays": rays, "mray_s": speed })
+        json!({ "frame_ms": percentiles(&times.frame), "stages_ms": stages, "rays": rays, "mray_s": speed, "gpu_bytes": times.gpu_bytes })
     };
     let of_case = |projectors: &BTreeMap<String, Times>| {
         let all: BTreeMap<_, _> = projectors.iter().map(|(name, t)| (name, of_projector(t))).collect();
