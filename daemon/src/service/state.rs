@@ -74,7 +74,8 @@ impl Store {
     /// Writes a revision. When it returns, the revision is on the disk.
     ///
     /// # Errors
-    /// [`StateError::Io`]; what was kept before is still there.
+    /// [`StateError::Io`]; what was kept before is still there, unless the very last step failed, the sync of the folder: then either
+    /// may be what a restart finds.
     pub fn save(&self, scene_fingerprint: &str, revision: u64, edits: Vec<Edit>) -> Result<(), StateError> {
         let state = State { version: VERSION, scene_fingerprint: scene_fingerprint.to_owned(), revision, edits };
         let (path, new) = (self.path(), self.folder.join("scene.json.new"));
