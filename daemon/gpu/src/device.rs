@@ -54,10 +54,9 @@ impl Device {
         let physical = physical.ok_or_else(gone)?;
         let (family, family_info) = info::serving_family(instance, physical).ok_or_else(gone)?;
 
-        let users = compute_queues.max(1);
-        let count = users.min(family_info.queue_count);
+        let count = compute_queues.max(1).min(family_info.queue_count);
         let handle = DeviceHandle::create(instance, physical, info, (family, family_info), count)?;
-        let queues = Queue::all(&handle, family, count, users)?;
+        let queues = Queue::all(&handle, family, count)?;
         let cache = PipelineCache::open(&handle, cache_dir)?;
         tracing::info!(device = handle.info.name, queues = count, cache_bytes = cache.loaded_bytes(), "device opened");
         Ok(Arc::new(Device { handle, queues, release: Arc::default(), cache }))
@@ -71,6 +70,12 @@ impl Device {
     /// What the device allows.
     pub fn limits(&self) -> &Limits {
         &self.handle.limits
+    }
+
+    /// Whether projector `i` of `projectors` has its queue with another one.
+    pub fn shares_queue(&self, i: usize, projectors: usize) -> bool {
+        let queues = self.queues.len();
+        (0..projectors).any(|other| other != i && other % queues == i % queues)
     }
 
     /// The queue of projector `i`: where there are fewer queues than projectors, they take turns.

@@ -71,6 +71,11 @@ impl Instance {
         Ok(Arc::new(instance))
     }
 
+    /// Whether the validation layer listens.
+    pub fn is_validating(&self) -> bool {
+        self.messenger.is_some()
+    }
+
     /// Every warning and error that the validation layer has said, each with its id; also logged as an error, with
     /// target `vulkan::validation`. A test ends by asserting that this is empty.
     pub fn validation_messages(&self) -> Vec<String> {

@@ -14,8 +14,6 @@ pub struct Queue {
     pub family: u32,
     /// Its index in the family.
     pub index: u32,
-    /// Whether more than one projector uses it.
-    pub shared: bool,
     pub(crate) raw: vk::Queue,
     pub(crate) timeline: Arc<Timeline>,
     /// The value of the last submission. Whoever submits holds this lock.
@@ -24,13 +22,13 @@ pub struct Queue {
 
 impl std::fmt::Debug for Queue {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Queue(family {}, index {}, shared {})", self.family, self.index, self.shared)
+        write!(f, "Queue(family {}, index {})", self.family, self.index)
     }
 }
 
 impl Queue {
-    /// The queues of a device that was opened with `count` queues of `family`, for `users` users.
-    pub(crate) fn all(device: &Arc<DeviceHandle>, family: u32, count: u32, users: u32) -> Result<Vec<Queue>, GpuError> {
+    /// The queues of a device that was opened with `count` queues of `family`.
+    pub(crate) fn all(device: &Arc<DeviceHandle>, family: u32, count: u32) -> Result<Vec<Queue>, GpuError> {
         (0..count)
             .map(|index| {
                 let name = format!("queue {index}");
@@ -41,7 +39,7 @@ impl Queue {
                     device.naming.name(raw, &name);
                     raw
                 };
-                Ok(Queue { family, index, shared: index + count < users, raw, timeline, last: Mutex::new(0) })
+                Ok(Queue { family, index, raw, timeline, last: Mutex::new(0) })
             })
             .collect()
     }

@@ -128,8 +128,8 @@ mod tests {
         let physical = instance.physical_devices().unwrap()[info.index];
         let (family, family_info) = info::serving_family(instance, physical).unwrap();
         let handle = DeviceHandle::create(instance, physical, info, (family, family_info), 1).unwrap();
-        let mut queues = Queue::all(&handle, family, 1, 1).unwrap();
-        queues.extend(Queue::all(&handle, family, 1, 1).unwrap());
+        let mut queues = Queue::all(&handle, family, 1).unwrap();
+        queues.extend(Queue::all(&handle, family, 1).unwrap());
         let cache = PipelineCache::open(&handle, None).unwrap();
         Arc::new(Device { handle, queues, release: Arc::default(), cache })
     }

@@ -135,11 +135,6 @@ impl Renderer {
         self.projectors.iter().map(|p| p.targets.bytes())
     }
 
-    /// Which queue a projector's work goes to.
-    pub fn queue(&self, projector: usize) -> &lantern_gpu::Queue {
-        self.device.queue(projector)
-    }
-
     /// Takes other projectors. One that keeps its name and resolution keeps its buffers, and what of its picture its own or the
     /// others' calibrations do not make stale; a test pattern stays with its projector's name.
     ///

@@ -171,8 +171,8 @@ impl Engine for DaemonEngine {
         let stats = self.links.stats.all();
         let config = self.config();
         let projectors = config.projectors.iter().enumerate().map(|(index, projector)| {
-            let (queue, queues) = (self.device.queue(index), self.device.queue_count());
-            let shared = (0..config.projectors.len()).any(|other| other != index && other % queues == index % queues);
+            let queue = self.device.queue(index);
+            let shared = self.device.shares_queue(index, config.projectors.len());
             let seen = stats.get(&projector.name).cloned().unwrap_or_default();
             let status = ProjectorStatus {
                 resolution_px: projector.resolution_px,
@@ -195,7 +195,10 @@ impl Engine for DaemonEngine {
                 name: info.name.clone(),
                 driver: format!("{} {}", info.driver_name, info.driver_info),
                 kind: info.kind.to_owned(),
-                validation_messages: Some(self.instance.validation_messages().len() as u64),
+                validation_messages: self
+                    .instance
+                    .is_validating()
+                    .then(|| self.instance.validation_messages().len() as u64),
             },
             scene: SceneStatus {
                 revision: scene.revision,

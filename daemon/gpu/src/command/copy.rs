@@ -108,42 +108,6 @@ impl Recorder {
         self.keep(dst);
         Ok(())
     }
-
-    /// Copies all pixels of an image to another of the same size and format.
-    ///
-    /// # Errors
-    /// [`GpuError::Misuse`] for images that differ, are one, or were not created for copies; [`GpuError::Unwritten`].
-    pub fn copy_image(&mut self, src: &Arc<Image>, dst: &Arc<Image>) -> Result<(), GpuError> {
-        self.check_outside()?;
-        src.require(ImageUsage::TRANSFER, "the source of a copy")?;
-        dst.require(ImageUsage::TRANSFER, "the destination of a copy")?;
-        if src.extent() != dst.extent() || src.format() != dst.format() {
-            return Err(GpuError::misuse(dst.name(), format!("{dst:?} is no place for {src:?}")));
-        }
-        let mut uses = Uses::default();
-        uses.add_image(src, AccessSet::of(Access::CopyRead), true)?;
-        uses.add_image(dst, AccessSet::of(Access::CopyWrite), false)?;
-        self.apply(&uses)?;
-        let region = vk::ImageCopy::default()
-            .src_subresource(layers(src))
-            .dst_subresource(layers(dst))
-            .extent(vk::Extent3D { width: src.width_px(), height: src.height_px(), depth: 1 });
-        // SAFETY: recording outside of a rendering; the images are different ones of one size and format, in these
-        // layouts by the barrier before; both are of this device and kept below.
-        unsafe {
-            self.raw().cmd_copy_image(
-                self.recording.commands(),
-                src.raw,
-                vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
-                dst.raw,
-                vk::ImageLayout::TRANSFER_DST_OPTIMAL,
-                &[region],
-            );
-        }
-        self.keep(src);
-        self.keep(dst);
-        Ok(())
-    }
 }
 
 fn layers(image: &Image) -> vk::ImageSubresourceLayers {
