@@ -102,8 +102,17 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
-            eprintln!("lanternd: {error:#}");
+            eprintln!("lanternd: {}", causes(&error));
             ExitCode::FAILURE
         }
     }
+}
+
+/// An error with its causes, but for those that the words so far have told already.
+fn causes(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.as_str() {
+        "" => cause,
+        so_far if so_far.contains(&cause) => told,
+        so_far => format!("{so_far}: {cause}"),
+    })
 }
