@@ -45,7 +45,12 @@ pub(crate) mod sealed {
 }
 
 /// A pipeline, as far as [`Bindings`](crate::Bindings) are concerned.
-pub trait HasLayout: sealed::Sealed {}
+pub trait HasLayout: sealed::Sealed {
+    /// The names of what its shaders bind, by number.
+    fn binding_names(&self) -> impl Iterator<Item = &'static str> {
+        self.layout().slots.iter().map(|slot| slot.name)
+    }
+}
 impl<T: sealed::Sealed> HasLayout for T {}
 
 impl Layout {

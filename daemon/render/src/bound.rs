@@ -6,7 +6,6 @@ use lantern_gpu::{Bindings, Buffer, ComputePipeline, GpuError, Recorder};
 
 use crate::catalogue::Catalogue;
 use crate::pipelines::Pipelines;
-use crate::shaders;
 use crate::targets::Targets;
 
 /// What the passes over one sample plane bind.
@@ -39,21 +38,19 @@ impl Bound {
         let plane = |(hits, live): (&Arc<Buffer>, &Arc<Buffer>)| {
             let all = all.clone().with_buffer("Hits", hits).with_buffer("Live", live);
             Ok::<_, GpuError>(Plane {
-                primary: all.bind(&*pipelines.primary, &[&shaders::PRIMARY_COMP])?,
-                light: all.bind(&*pipelines.light, &[&shaders::LIGHT_COMP])?,
-                secondary: all.bind(&*pipelines.secondary, &[&shaders::SECONDARY_COMP])?,
+                primary: all.bind(&*pipelines.primary)?,
+                light: all.bind(&*pipelines.light)?,
+                secondary: all.bind(&*pipelines.secondary)?,
             })
         };
-        let blend = |other: &Arc<Buffer>| {
-            all.clone().with_buffer("OtherEdge", other).bind(&*pipelines.blend, &[&shaders::BLEND_COMP])
-        };
+        let blend = |other: &Arc<Buffer>| all.clone().with_buffer("OtherEdge", other).bind(&*pipelines.blend);
         Ok(Self {
             planes: targets.hits.iter().zip(&targets.live).map(plane).collect::<Result<_, _>>()?,
-            edges: all.bind(&*pipelines.edges, &[&shaders::EDGES_COMP])?,
+            edges: all.bind(&*pipelines.edges)?,
             blend: edges.iter().map(blend).collect::<Result<_, _>>()?,
-            composite: all.bind(&*pipelines.composite_first, &[&shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG])?,
-            raster: all.bind(&*pipelines.raster, &[&shaders::RASTER_VERT, &shaders::RASTER_FRAG])?,
-            resolve: all.bind(&*pipelines.resolve, &[&shaders::RESOLVE_COMP])?,
+            composite: all.bind(&*pipelines.composite_first)?,
+            raster: all.bind(&*pipelines.raster)?,
+            resolve: all.bind(&*pipelines.resolve)?,
             pipelines: pipelines.clone(),
         })
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use lantern_gpu::{Bindings, Buffer, GpuError, HasLayout, Image, Resource, Shader};
+use lantern_gpu::{Bindings, Buffer, GpuError, HasLayout, Image, Resource};
 
 /// What a pass may bind; a pipeline takes from it what its shaders name.
 #[derive(Clone, Default)]
@@ -23,16 +23,13 @@ impl Catalogue {
         self
     }
 
-    /// Binds what `shaders` name. A name that the catalogue lacks is refused by [`Bindings::new`], which says which.
-    pub(crate) fn bind(&self, layout: &impl HasLayout, shaders: &[&Shader]) -> Result<Arc<Bindings>, GpuError> {
-        let mut named: BTreeMap<&str, Resource<'_>> = BTreeMap::new();
-        for binding in shaders.iter().flat_map(|s| s.bindings) {
-            if let Some(buffer) = self.buffers.get(binding.name) {
-                named.insert(binding.name, Resource::Buffer(buffer));
-            } else if let Some(image) = self.images.get(binding.name) {
-                named.insert(binding.name, Resource::Image(image));
-            }
-        }
-        Bindings::new(layout, &named.into_iter().collect::<Vec<_>>())
+    /// Binds what the shaders of `pipeline` name. A name that the catalogue lacks is refused by [`Bindings::new`], which says which.
+    pub(crate) fn bind(&self, pipeline: &impl HasLayout) -> Result<Arc<Bindings>, GpuError> {
+        let resource = |name| {
+            let buffer = self.buffers.get(name).map(Resource::Buffer);
+            buffer.or_else(|| self.images.get(name).map(Resource::Image))
+        };
+        let named: Vec<_> = pipeline.binding_names().filter_map(|name| Some((name, resource(name)?))).collect();
+        Bindings::new(pipeline, &named)
     }
 }

@@ -8,6 +8,7 @@ use lantern_calibration::{Calibration, CalibrationError, Convention, Frustum, Gp
 use lantern_gpu::{Buffer, BufferKind, Device, Recorder};
 use lantern_scene::{PRIMARY_ROLES, Role, Scene};
 
+use crate::RenderError;
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
 use crate::jitter::sample_state;
@@ -15,7 +16,6 @@ use crate::pipelines::Pipelines;
 use crate::readback::{LayerImage, Texels, read_words};
 use crate::settings::{HUNG_AFTER, Settings};
 use crate::targets::COUNTER_WORDS;
-use crate::{RenderError, shaders};
 
 /// Whose light, on what.
 pub(crate) struct View<'a> {
@@ -60,7 +60,7 @@ pub(crate) fn render(
             .with_buffer("Counters", &counters)
             .with_buffer("Color", picture)
             .with_buffer("Room", &seen)
-            .bind(&*pipelines.room, &[&shaders::ROOM_COMP])?;
+            .bind(&*pipelines.room)?;
         for sample in 0..view.settings.samples {
             let push = [sample, index as u32];
             let groups = [size_px[0].div_ceil(8), size_px[1].div_ceil(8), 1];
