@@ -36,6 +36,16 @@ pub(crate) enum Access {
     HostRead,
     /// Workgroup counts of an indirect dispatch.
     Indirect,
+    /// What an acceleration structure is built from.
+    StructureInput,
+    /// A bottom level that a top level is built over.
+    StructureRead,
+    /// A structure that is built, or its scratch memory.
+    StructureWrite,
+    /// A structure that a compute shader walks.
+    ComputeStructure,
+    /// A structure that a vertex or fragment shader walks.
+    GraphicsStructure,
 }
 
 /// What an access is in Vulkan's terms.
@@ -48,7 +58,7 @@ pub(crate) struct Scope {
 }
 
 impl Access {
-    pub(crate) const COUNT: usize = 14;
+    pub(crate) const COUNT: usize = 19;
 
     pub(crate) const ALL: [Access; Access::COUNT] = [
         Access::ComputeUniform,
@@ -65,6 +75,11 @@ impl Access {
         Access::CopyWrite,
         Access::HostRead,
         Access::Indirect,
+        Access::StructureInput,
+        Access::StructureRead,
+        Access::StructureWrite,
+        Access::ComputeStructure,
+        Access::GraphicsStructure,
     ];
 
     /// The table.
@@ -74,6 +89,8 @@ impl Access {
         let color = A::COLOR_ATTACHMENT_READ | A::COLOR_ATTACHMENT_WRITE;
         let depth = A::DEPTH_STENCIL_ATTACHMENT_READ | A::DEPTH_STENCIL_ATTACHMENT_WRITE;
         let depth_tests = S::EARLY_FRAGMENT_TESTS | S::LATE_FRAGMENT_TESTS;
+        let build = S::ACCELERATION_STRUCTURE_BUILD_KHR;
+        let walk = A::ACCELERATION_STRUCTURE_READ_KHR;
         let (stages, access, layout) = match self {
             Access::ComputeUniform => (compute, A::UNIFORM_READ, L::UNDEFINED),
             Access::ComputeStorageRead => (compute, A::SHADER_STORAGE_READ, L::GENERAL),
@@ -89,6 +106,11 @@ impl Access {
             Access::CopyWrite => (S::ALL_TRANSFER, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
             Access::HostRead => (S::HOST, A::HOST_READ, L::UNDEFINED),
             Access::Indirect => (S::DRAW_INDIRECT, A::INDIRECT_COMMAND_READ, L::UNDEFINED),
+            Access::StructureInput => (build, A::SHADER_READ, L::UNDEFINED),
+            Access::StructureRead => (build, walk, L::UNDEFINED),
+            Access::StructureWrite => (build, walk | A::ACCELERATION_STRUCTURE_WRITE_KHR, L::UNDEFINED),
+            Access::ComputeStructure => (compute, walk, L::UNDEFINED),
+            Access::GraphicsStructure => (graphics, walk, L::UNDEFINED),
         };
         Scope { stages, access, layout }
     }
@@ -106,7 +128,8 @@ impl Scope {
             & (A::SHADER_STORAGE_WRITE
                 | A::COLOR_ATTACHMENT_WRITE
                 | A::DEPTH_STENCIL_ATTACHMENT_WRITE
-                | A::TRANSFER_WRITE)
+                | A::TRANSFER_WRITE
+                | A::ACCELERATION_STRUCTURE_WRITE_KHR)
     }
 }
 
@@ -155,14 +178,17 @@ mod tests {
         for (bit, access) in (0u32..).zip(Access::ALL) {
             assert_eq!(access as u32, bit);
         }
-        assert_eq!(Access::Indirect as usize + 1, Access::COUNT);
+        assert_eq!(Access::GraphicsStructure as usize + 1, Access::COUNT);
     }
 
     #[test]
     fn exactly_these_accesses_write() {
         let writers: Vec<Access> = Access::ALL.into_iter().filter(|access| access.writes()).collect();
         use Access::*;
-        assert_eq!(writers, [ComputeStorageWrite, GraphicsStorageWrite, ColorTarget, DepthTarget, CopyWrite]);
+        assert_eq!(
+            writers,
+            [ComputeStorageWrite, GraphicsStorageWrite, ColorTarget, DepthTarget, CopyWrite, StructureWrite]
+        );
     }
 
     /// An access mask is only valid with a stage that can perform it (Vulkan 1.3, table "Supported access types").
@@ -182,6 +208,9 @@ mod tests {
             (A::TRANSFER_WRITE, S::ALL_TRANSFER),
             (A::HOST_READ, S::HOST),
             (A::INDIRECT_COMMAND_READ, S::DRAW_INDIRECT),
+            (A::SHADER_READ, S::ACCELERATION_STRUCTURE_BUILD_KHR),
+            (A::ACCELERATION_STRUCTURE_READ_KHR, shaders | S::ACCELERATION_STRUCTURE_BUILD_KHR),
+            (A::ACCELERATION_STRUCTURE_WRITE_KHR, S::ACCELERATION_STRUCTURE_BUILD_KHR),
         ];
         for access in Access::ALL {
             let scope = access.scope();

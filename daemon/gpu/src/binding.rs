@@ -10,6 +10,7 @@ use crate::error::GpuError;
 use crate::image::{Image, ImageUsage};
 use crate::layout::{HasLayout, Layout};
 use crate::shader::{Binding, BindingKind};
+use crate::structure::TopLevel;
 
 /// Something to bind.
 #[derive(Debug, Clone, Copy)]
@@ -18,12 +19,15 @@ pub enum Resource<'a> {
     Buffer(&'a Arc<Buffer>),
     /// An image, whole.
     Image(&'a Arc<Image>),
+    /// A top level, whose bottom levels come with it.
+    Structure(&'a Arc<TopLevel>),
 }
 
 /// A resource that is held.
 pub(crate) enum Held {
     Buffer(Arc<Buffer>),
     Image(Arc<Image>),
+    Structure(Arc<TopLevel>),
 }
 
 /// The resources of a pipeline's bindings, all given. They live as long as this does.
@@ -112,12 +116,16 @@ impl Bindings {
         let buffers: Vec<_> = self.held.iter().map(|(held, _)| [buffer_info(held)]).collect();
         let views: Vec<_> = self.held.iter().map(|(held, _)| [texel_view(held)]).collect();
         let images: Vec<_> = self.held.iter().map(|(held, accesses)| [image_info(held, *accesses)]).collect();
+        let structures: Vec<_> = self.held.iter().map(|(held, _)| [raw_structure(held)]).collect();
+        let of_structure = vk::WriteDescriptorSetAccelerationStructureKHR::default;
+        let mut extensions: Vec<_> = structures.iter().map(|raw| of_structure().acceleration_structures(raw)).collect();
         let writes: Vec<_> = self
             .layout
             .slots
             .iter()
+            .zip(&mut extensions)
             .enumerate()
-            .map(|(at, slot)| {
+            .map(|(at, (slot, extension))| {
                 let write = vk::WriteDescriptorSet::default()
                     .dst_set(self.set)
                     .dst_binding(slot.binding)
@@ -126,6 +134,7 @@ impl Bindings {
                     BindingKind::UniformBuffer | BindingKind::StorageBuffer => write.buffer_info(&buffers[at]),
                     BindingKind::UniformTexelBuffer => write.texel_buffer_view(&views[at]),
                     BindingKind::StorageImage | BindingKind::SampledImage => write.image_info(&images[at]),
+                    BindingKind::AccelerationStructure => write.descriptor_count(1).push_next(extension),
                 }
             })
             .collect();
@@ -153,6 +162,7 @@ fn fit(layout: &Layout, slot: &Binding, resource: Resource<'_>) -> Result<Held, 
     let (device, object) = match resource {
         Resource::Buffer(buffer) => (&buffer.device, buffer.name()),
         Resource::Image(image) => (&image.device, image.name()),
+        Resource::Structure(top) => (&top.structure.storage.device, top.name()),
     };
     if !Arc::ptr_eq(device, &layout.device) {
         return Err(GpuError::OtherDevice { object: object.into() });
@@ -173,6 +183,7 @@ fn fit(layout: &Layout, slot: &Binding, resource: Resource<'_>) -> Result<Held, 
         (BindingKind::UniformTexelBuffer, Resource::Buffer(buffer)) => matches!(buffer.kind(), BufferKind::Texel(_)),
         (BindingKind::StorageImage, Resource::Image(image)) => image.usage().contains(ImageUsage::STORAGE),
         (BindingKind::SampledImage, Resource::Image(image)) => image.usage().contains(ImageUsage::SAMPLED),
+        (BindingKind::AccelerationStructure, Resource::Structure(_)) => true,
         _ => false,
     };
     match (fits, resource) {
@@ -183,28 +194,39 @@ fn fit(layout: &Layout, slot: &Binding, resource: Resource<'_>) -> Result<Held, 
             let problem = format!("it is a {:?}, and {image:?} with {:?} is none", slot.kind, image.usage());
             Err(refusal(layout, slot.name, problem))
         }
+        (false, Resource::Structure(top)) => {
+            Err(refusal(layout, slot.name, format!("it is a {:?}, and {top:?} is none", slot.kind)))
+        }
         (true, Resource::Buffer(buffer)) => Ok(Held::Buffer(Arc::clone(buffer))),
         (true, Resource::Image(image)) => Ok(Held::Image(Arc::clone(image))),
+        (true, Resource::Structure(top)) => Ok(Held::Structure(Arc::clone(top))),
     }
 }
 
 fn buffer_info(held: &Held) -> vk::DescriptorBufferInfo {
     match held {
         Held::Buffer(buffer) => vk::DescriptorBufferInfo::default().buffer(buffer.raw).range(buffer.bytes()),
-        Held::Image(_) => vk::DescriptorBufferInfo::default(),
+        Held::Image(_) | Held::Structure(_) => vk::DescriptorBufferInfo::default(),
     }
 }
 
 fn texel_view(held: &Held) -> vk::BufferView {
     match held {
         Held::Buffer(buffer) => buffer.view,
-        Held::Image(_) => vk::BufferView::null(),
+        Held::Image(_) | Held::Structure(_) => vk::BufferView::null(),
+    }
+}
+
+fn raw_structure(held: &Held) -> vk::AccelerationStructureKHR {
+    match held {
+        Held::Structure(top) => top.structure.raw,
+        Held::Buffer(_) | Held::Image(_) => vk::AccelerationStructureKHR::null(),
     }
 }
 
 fn image_info(held: &Held, accesses: AccessSet) -> vk::DescriptorImageInfo {
     match held {
-        Held::Buffer(_) => vk::DescriptorImageInfo::default(),
+        Held::Buffer(_) | Held::Structure(_) => vk::DescriptorImageInfo::default(),
         Held::Image(image) => {
             vk::DescriptorImageInfo::default().image_view(image.view).image_layout(layout_of(accesses))
         }

@@ -24,6 +24,12 @@ pub enum BufferKind {
     Readback,
     /// Memory that the host maps and writes; the source of copies.
     Staging,
+    /// Memory that the host maps and writes; what acceleration structures are built from.
+    StructureInput,
+    /// Device memory in which an acceleration structure lies.
+    Structure,
+    /// Device memory in which one is built.
+    StructureScratch,
 }
 
 /// The format of a texel buffer's elements.
@@ -67,13 +73,22 @@ impl BufferKind {
             BufferKind::Texel(_) => copies | storage | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER,
             BufferKind::Uniform => copies | vk::BufferUsageFlags::UNIFORM_BUFFER,
             BufferKind::Readback | BufferKind::Staging => copies,
+            BufferKind::StructureInput => {
+                vk::BufferUsageFlags::ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_KHR | Self::BY_ADDRESS
+            }
+            BufferKind::Structure => vk::BufferUsageFlags::ACCELERATION_STRUCTURE_STORAGE_KHR | Self::BY_ADDRESS,
+            BufferKind::StructureScratch => storage | Self::BY_ADDRESS,
         }
     }
 
+    const BY_ADDRESS: vk::BufferUsageFlags = vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
+
     fn location(self) -> MemoryLocation {
         match self {
-            BufferKind::Storage | BufferKind::Texel(_) => MemoryLocation::GpuOnly,
-            BufferKind::Uniform | BufferKind::Staging => MemoryLocation::CpuToGpu,
+            BufferKind::Storage | BufferKind::Texel(_) | BufferKind::Structure | BufferKind::StructureScratch => {
+                MemoryLocation::GpuOnly
+            }
+            BufferKind::Uniform | BufferKind::Staging | BufferKind::StructureInput => MemoryLocation::CpuToGpu,
             BufferKind::Readback => MemoryLocation::GpuToCpu,
         }
     }
@@ -90,7 +105,11 @@ impl BufferKind {
                 (bytes / format.bytes(), limits.max_texel_buffer_elements, "elements of a texel buffer")
             }
             BufferKind::Uniform => (bytes, limits.max_uniform_buffer_bytes, "bytes of a uniform buffer"),
-            BufferKind::Readback | BufferKind::Staging => (raw_bytes, limits.max_buffer_bytes, "bytes of a buffer"),
+            BufferKind::Readback
+            | BufferKind::Staging
+            | BufferKind::StructureInput
+            | BufferKind::Structure
+            | BufferKind::StructureScratch => (raw_bytes, limits.max_buffer_bytes, "bytes of a buffer"),
         };
         if bytes == 0 {
             return Err(GpuError::misuse(name, "a buffer of no bytes"));
@@ -127,12 +146,16 @@ impl Buffer {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device could not bind it whole, [`GpuError::Misuse`] for no bytes or a broken
-    /// texel, [`GpuError::OutOfDeviceMemory`].
+    /// texel, [`GpuError::OutOfDeviceMemory`], [`GpuError::Unsupported`] for what structures need on a device without ray
+    /// queries.
     pub fn new(device: &Arc<Device>, name: &str, kind: BufferKind, bytes: u64) -> Result<Arc<Buffer>, GpuError> {
         let device = device.handle();
         // Whole words, so that a fill reaches the last byte.
         let raw_bytes = bytes.checked_next_multiple_of(4).ok_or_else(|| GpuError::misuse(name, "too many bytes"))?;
         kind.check(name, bytes, raw_bytes, &device.limits)?;
+        if kind.usage().contains(BufferKind::BY_ADDRESS) {
+            device.ray_queries()?;
+        }
         let info = vk::BufferCreateInfo::default().size(raw_bytes).usage(kind.usage());
         // SAFETY: size and usage are valid; the new object is named before anyone else has it.
         let raw = unsafe {
@@ -216,6 +239,16 @@ impl Buffer {
         let at = self.mapped(offset, length)?;
         // SAFETY: `at` is mapped for these bytes, and no one writes them: see `write`.
         Ok(unsafe { std::slice::from_raw_parts(at, length) }.to_vec())
+    }
+
+    /// Where the device finds it; refused for kinds that are not named by address.
+    pub(crate) fn address(&self) -> Result<vk::DeviceAddress, GpuError> {
+        if !self.kind.usage().contains(BufferKind::BY_ADDRESS) {
+            return Err(GpuError::misuse(&self.name, format!("a buffer of kind {:?} has no address", self.kind)));
+        }
+        let info = vk::BufferDeviceAddressInfo::default().buffer(self.raw);
+        // SAFETY: the buffer has memory and this usage, which it has only on a device with that feature.
+        Ok(unsafe { self.device.raw.get_buffer_device_address(&info) })
     }
 
     /// Whether the host maps its memory.

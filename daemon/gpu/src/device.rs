@@ -10,6 +10,7 @@ use crate::handle::{DeviceHandle, Limits};
 use crate::info::{self, DeviceInfo};
 use crate::instance::Instance;
 use crate::queue::Queue;
+use crate::ray_query::RayTracing;
 use crate::release::Release;
 use crate::select;
 use crate::ticket::Ticket;
@@ -32,19 +33,35 @@ impl std::fmt::Debug for Device {
 }
 
 impl Device {
-    /// Opens a device.
-    ///
-    /// `select` is an index, a UUID, or part of a name in any case; None is the best there is. `compute_queues` is how
-    /// many projectors want a queue. `cache_dir` is where compiled pipelines are kept: read now if they are of this
-    /// device and driver, and written when the device is dropped.
+    /// Opens a device whose rays walk the scene's own structures; see [`Device::open_for`].
     ///
     /// # Errors
-    /// [`GpuError::NoSuchDevice`], [`GpuError::Unsupported`], or the driver's refusal.
+    /// Those of [`Device::open_for`].
     pub fn open(
         instance: &Arc<Instance>,
         select: Option<&str>,
         compute_queues: u32,
         cache_dir: Option<&Path>,
+    ) -> Result<Arc<Device>, GpuError> {
+        Self::open_for(instance, select, compute_queues, cache_dir, RayTracing::Bvh)
+    }
+
+    /// Opens a device.
+    ///
+    /// `select` is an index, a UUID, or part of a name in any case; None is the best there is. `compute_queues` is how
+    /// many projectors want a queue. `cache_dir` is where compiled pipelines are kept: read now if they are of this
+    /// device and driver, and written when the device is dropped.
+    /// `ray_tracing` decides whether it is opened with ray queries.
+    ///
+    /// # Errors
+    /// [`GpuError::NoSuchDevice`], [`GpuError::Unsupported`], also for ray queries that it does not have, or the driver's
+    /// refusal.
+    pub fn open_for(
+        instance: &Arc<Instance>,
+        select: Option<&str>,
+        compute_queues: u32,
+        cache_dir: Option<&Path>,
+        ray_tracing: RayTracing,
     ) -> Result<Arc<Device>, GpuError> {
         let devices = instance.devices()?;
         let info = select::choose(&devices, select)?.clone();
@@ -55,10 +72,12 @@ impl Device {
         let (family, family_info) = info::serving_family(instance, physical).ok_or_else(gone)?;
 
         let count = compute_queues.max(1).min(family_info.queue_count);
-        let handle = DeviceHandle::create(instance, physical, info, (family, family_info), count)?;
+        let ray_queries = select::takes_ray_queries(&info, ray_tracing)?;
+        let handle = DeviceHandle::create(instance, physical, info, (family, family_info), count, ray_queries)?;
         let queues = Queue::all(&handle, family, count)?;
         let cache = PipelineCache::open(&handle, cache_dir)?;
-        tracing::info!(device = handle.info.name, queues = count, cache_bytes = cache.loaded_bytes(), "device opened");
+        let cache_bytes = cache.loaded_bytes();
+        tracing::info!(device = handle.info.name, queues = count, ray_queries, cache_bytes, "device opened");
         Ok(Arc::new(Device { handle, queues, release: Arc::default(), cache }))
     }
 
@@ -70,6 +89,11 @@ impl Device {
     /// What the device allows.
     pub fn limits(&self) -> &Limits {
         &self.handle.limits
+    }
+
+    /// Whether it was opened with ray queries, so that shaders may bind a [`TopLevel`](crate::TopLevel).
+    pub fn has_ray_queries(&self) -> bool {
+        self.handle.ray_queries().is_ok()
     }
 
     /// Whether projector `i` of `projectors` has its queue with another one.

@@ -156,7 +156,7 @@ pub enum GpuError {
     /// Something was read that nothing has ever written.
     #[error("{object} is read, and nothing has written it yet")]
     Unwritten {
-        /// The image.
+        /// The image, or the acceleration structure.
         object: String,
     },
     /// Any other answer of the driver.

@@ -42,8 +42,9 @@ impl Features {
         required.into_iter().filter(|&(_, there)| there == vk::FALSE).map(|(name, _)| name).collect()
     }
 
-    /// What is enabled: the required, and of the rest what shaders may profit from, where the device has it.
-    pub(crate) fn enabled(&self) -> Features {
+    /// What is enabled: the required, and of the rest what shaders may profit from, where the device has it; with
+    /// `ray_queries` also what these take.
+    pub(crate) fn enabled(&self, ray_queries: bool) -> Features {
         let (core, v11, v12, v13) = (&self.core, &self.v11, &self.v12, &self.v13);
         Features {
             core: vk::PhysicalDeviceFeatures {
@@ -74,6 +75,8 @@ impl Features {
                 shader_subgroup_extended_types: v12.shader_subgroup_extended_types,
                 vulkan_memory_model: v12.vulkan_memory_model,
                 vulkan_memory_model_device_scope: v12.vulkan_memory_model_device_scope,
+                // Structures name what they are built from, and each other, by address; shaders name nothing by it.
+                buffer_device_address: v12.buffer_device_address & vk::Bool32::from(ray_queries),
                 ..Default::default()
             },
             v13: vk::PhysicalDeviceVulkan13Features {

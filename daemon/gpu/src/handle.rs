@@ -12,6 +12,7 @@ use crate::features::Features;
 use crate::info::DeviceInfo;
 use crate::instance::Instance;
 use crate::naming::Naming;
+use crate::ray_query::{self, RayQueries};
 
 /// Bytes of the memory blocks that objects share: small, so that a small scene shows as one, and growing with use.
 const BLOCK_BYTES: (u64, u64) = (16 << 20, 256 << 20);
@@ -70,6 +71,8 @@ pub(crate) struct DeviceHandle {
     pub(crate) info: DeviceInfo,
     pub(crate) limits: Limits,
     pub(crate) features: Features,
+    /// Where the device was opened with them.
+    ray_queries: Option<RayQueries>,
     pub(crate) physical: vk::PhysicalDevice,
     /// None only while the handle is being dropped.
     pub(crate) allocator: Mutex<Option<Allocator>>,
@@ -80,38 +83,41 @@ pub(crate) struct DeviceHandle {
 }
 
 impl DeviceHandle {
-    /// Creates the logical device with `queues` queues of `family`.
+    /// Creates the logical device with `queues` queues of `family`, and with ray queries where they are wanted, which the
+    /// caller has found it to have.
     pub(crate) fn create(
         instance: &Arc<Instance>,
         physical: vk::PhysicalDevice,
         info: DeviceInfo,
         (family, family_info): (u32, vk::QueueFamilyProperties),
         queues: u32,
+        wants_ray_queries: bool,
     ) -> Result<Arc<DeviceHandle>, GpuError> {
-        let features = Features::query(instance, physical).enabled();
-        let raw = create_raw(instance, physical, &features, family, queues, &info.name)?;
+        let features = Features::query(instance, physical).enabled(wants_ray_queries);
+        let raw = create_raw(instance, physical, &features, (family, queues), wants_ray_queries, &info.name)?;
 
         // From here on the device is owned by the handle, so that it is destroyed if the allocator cannot be made.
         let has_names = instance.has(ext::debug_utils::NAME);
         let naming = Naming(has_names.then(|| ext::debug_utils::Device::new(instance.raw(), &raw)));
         let handle = DeviceHandle {
-            raw,
             instance: Arc::clone(instance),
             naming,
             limits: limits(instance, physical, family_info.timestamp_valid_bits),
             info,
             features,
+            ray_queries: wants_ray_queries.then(|| RayQueries::new(instance, physical, &raw)),
             physical,
             allocator: Mutex::new(None),
             allocated_bytes: AtomicU64::new(0),
             gate: RwLock::new(()),
+            raw,
         };
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.raw().clone(),
             device: handle.raw.clone(),
             physical_device: physical,
             debug_settings: AllocatorDebugSettings::default(),
-            buffer_device_address: false,
+            buffer_device_address: wants_ray_queries,
             allocation_sizes: AllocationSizes::new(BLOCK_BYTES.0, BLOCK_BYTES.0)
                 .with_max_device_memblock_size(BLOCK_BYTES.1)
                 .with_max_host_memblock_size(BLOCK_BYTES.1),
@@ -119,6 +125,19 @@ impl DeviceHandle {
         .map_err(|error| GpuError::Memory { object: handle.info.name.clone(), detail: error.to_string() })?;
         *handle.allocator.lock().unwrap_or_else(PoisonError::into_inner) = Some(allocator);
         Ok(Arc::new(handle))
+    }
+
+    /// The device's ray queries; refused where it was opened without them.
+    pub(crate) fn ray_queries(&self) -> Result<&RayQueries, GpuError> {
+        let missing = || "ray queries, or was opened without them".into();
+        self.ray_queries
+            .as_ref()
+            .ok_or_else(|| GpuError::Unsupported { device: format!("device {:?}", self.info.name), missing: missing() })
+    }
+
+    /// The most acceleration structures of a shader stage.
+    pub(crate) fn max_stage_structures(&self) -> u32 {
+        self.ray_queries.as_ref().map_or(0, |queries| queries.max_stage_structures)
     }
 
     /// Bytes that live objects take.
@@ -140,8 +159,8 @@ fn create_raw(
     instance: &Instance,
     physical: vk::PhysicalDevice,
     features: &Features,
-    family: u32,
-    queues: u32,
+    (family, queues): (u32, u32),
+    with_ray_queries: bool,
     name: &str,
 ) -> Result<ash::Device, GpuError> {
     let priorities = vec![1.0; queues as usize];
@@ -152,9 +171,14 @@ fn create_raw(
         .push_next(&mut features.v11)
         .push_next(&mut features.v12)
         .push_next(&mut features.v13);
-    let info = vk::DeviceCreateInfo::default().queue_create_infos(&queue_infos).push_next(&mut all);
+    let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queue_infos).push_next(&mut all);
+    let extensions = ray_query::EXTENSIONS.map(std::ffi::CStr::as_ptr);
+    let (mut structures, mut queries) = ray_query::switches();
+    if with_ray_queries {
+        info = info.enabled_extension_names(&extensions).push_next(&mut structures).push_next(&mut queries);
+    }
     // SAFETY: the physical device is of this instance, has that many queues in that family, and has every feature
-    // asked for; all that `info` points to lives until the call returns.
+    // and extension asked for; all that `info` points to lives until the call returns.
     unsafe { instance.raw().create_device(physical, &info, None) }
         .map_err(|result| GpuError::vulkan(format!("opening device {name:?}"), result))
 }

@@ -8,6 +8,7 @@ use ash::{ext, khr, vk};
 use crate::error::GpuError;
 use crate::features::Features;
 use crate::instance::{Instance, version_text};
+use crate::ray_query;
 
 /// A Vulkan device: who it is, what it has, what it can do.
 #[derive(Debug, Clone, Default)]
@@ -241,7 +242,7 @@ fn abilities(
         ("headless_surface", instance.has(ext::headless_surface::NAME)),
         ("present_id", has(khr::present_id::NAME)),
         ("present_wait", has(khr::present_wait::NAME)),
-        ("ray_query", has(khr::ray_query::NAME)),
+        ("ray_query", ray_query::is_offered(instance, device, features)),
         ("robust_buffer_access", on(features.core.robust_buffer_access)),
         ("scalar_block_layout", on(features.v12.scalar_block_layout)),
         ("swapchain", has(khr::swapchain::NAME)),

@@ -100,6 +100,7 @@ impl Layout {
             BindingKind::UniformTexelBuffer | BindingKind::SampledImage => {
                 pick(Access::ComputeSampled, Access::GraphicsSampled)
             }
+            BindingKind::AccelerationStructure => pick(Access::ComputeStructure, Access::GraphicsStructure),
             BindingKind::StorageBuffer | BindingKind::StorageImage => {
                 let mut accesses = AccessSet::default();
                 // A binding that is declared and never used is still bound: it counts as read.
@@ -216,6 +217,7 @@ fn check_counts(device: &DeviceHandle, name: &str, slots: &[Binding]) -> Result<
             "texel buffers and sampled images",
         ),
         (count(&[BindingKind::StorageImage]), limits.max_stage_storage_images, "storage images"),
+        (count(&[BindingKind::AccelerationStructure]), device.max_stage_structures(), "acceleration structures"),
         (slots.len() as u32, limits.max_stage_resources, "resources"),
     ];
     match rows.into_iter().find(|(asked, limit, _)| asked > limit) {

@@ -2,6 +2,7 @@
 
 use crate::error::GpuError;
 use crate::info::DeviceInfo;
+use crate::ray_query::RayTracing;
 
 /// The device that `select` names (an index, a UUID, or part of a name, in this order), or the best of those that can
 /// serve: discrete, then integrated, then virtual, then a processor; of equals the first.
@@ -24,6 +25,23 @@ pub(crate) fn choose<'a>(devices: &'a [DeviceInfo], select: Option<&str>) -> Res
         Ok(chosen)
     } else {
         Err(GpuError::Unsupported { device: format!("device {:?}", chosen.name), missing: chosen.lacks.join(", ") })
+    }
+}
+
+/// Whether a device is opened with ray queries.
+///
+/// # Errors
+/// [`GpuError::Unsupported`] where they are asked for and not there.
+pub(crate) fn takes_ray_queries(device: &DeviceInfo, wanted: RayTracing) -> Result<bool, GpuError> {
+    let there = device.abilities.get("ray_query").copied().unwrap_or_default();
+    match wanted {
+        RayTracing::Bvh => Ok(false),
+        RayTracing::Auto => Ok(there && device.kind != "cpu"),
+        RayTracing::RayQuery if there => Ok(true),
+        RayTracing::RayQuery => Err(GpuError::Unsupported {
+            device: format!("device {:?}", device.name),
+            missing: "ray queries (VK_KHR_ray_query)".into(),
+        }),
     }
 }
 
@@ -85,6 +103,25 @@ mod tests {
         ] {
             assert_eq!(choose(&all, Some(select)).unwrap().index, index, "{select}");
         }
+    }
+
+    #[test]
+    fn ray_queries_are_taken_where_they_are_there_and_worth_it() {
+        let device = |kind, there| DeviceInfo { kind, abilities: [("ray_query", there)].into(), ..Default::default() };
+        let taken = |device: &DeviceInfo, wanted| takes_ray_queries(device, wanted).ok();
+        for (kind, there, by_auto, by_name) in [
+            ("discrete", true, true, Some(true)),
+            ("discrete", false, false, None),
+            ("cpu", true, false, Some(true)),
+            ("cpu", false, false, None),
+        ] {
+            let device = device(kind, there);
+            assert_eq!(taken(&device, RayTracing::Auto), Some(by_auto), "{kind}, {there}");
+            assert_eq!(taken(&device, RayTracing::RayQuery), by_name, "{kind}, {there}");
+            assert_eq!(taken(&device, RayTracing::Bvh), Some(false), "{kind}, {there}");
+        }
+        let error = takes_ray_queries(&device("cpu", false), RayTracing::RayQuery).unwrap_err().to_string();
+        assert!(error.contains("lacks ray queries"), "{error}");
     }
 
     #[test]

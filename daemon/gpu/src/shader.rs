@@ -65,6 +65,8 @@ pub enum BindingKind {
     StorageImage,
     /// `sampler2D` and its like, with a nearest-clamp sampler of this crate.
     SampledImage,
+    /// `accelerationStructureEXT`, on a device that was opened with ray queries.
+    AccelerationStructure,
 }
 
 impl BindingKind {
@@ -75,6 +77,7 @@ impl BindingKind {
             BindingKind::UniformTexelBuffer => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
             BindingKind::StorageImage => vk::DescriptorType::STORAGE_IMAGE,
             BindingKind::SampledImage => vk::DescriptorType::COMBINED_IMAGE_SAMPLER,
+            BindingKind::AccelerationStructure => vk::DescriptorType::ACCELERATION_STRUCTURE_KHR,
         }
     }
 }

@@ -127,7 +127,7 @@ mod tests {
         let info = select::choose(&devices, None).unwrap().clone();
         let physical = instance.physical_devices().unwrap()[info.index];
         let (family, family_info) = info::serving_family(instance, physical).unwrap();
-        let handle = DeviceHandle::create(instance, physical, info, (family, family_info), 1).unwrap();
+        let handle = DeviceHandle::create(instance, physical, info, (family, family_info), 1, false).unwrap();
         let mut queues = Queue::all(&handle, family, 1).unwrap();
         queues.extend(Queue::all(&handle, family, 1).unwrap());
         let cache = PipelineCache::open(&handle, None).unwrap();

@@ -3,6 +3,7 @@
 mod copy;
 mod draw;
 mod recording;
+mod structure;
 mod uses;
 
 use std::sync::{Arc, PoisonError};

@@ -56,6 +56,11 @@ impl Uses {
             match held {
                 Held::Buffer(buffer) => self.add_buffer(buffer, *accesses),
                 Held::Image(image) => self.add_image(image, *accesses, accesses.only_reads())?,
+                // Its bottom levels need no barrier of their own: the building of the top level waited for them.
+                Held::Structure(top) => {
+                    top.structure.check_built()?;
+                    self.add_buffer(&top.structure.storage, *accesses);
+                }
             }
         }
         Ok(())

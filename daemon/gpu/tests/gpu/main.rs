@@ -9,4 +9,5 @@ mod compute;
 mod graphics;
 mod misuse;
 mod order;
+mod ray_query;
 mod start;
