@@ -25,6 +25,7 @@ void main() {
     }
     uint index = pixel_index(pixel);
     uvec4 nearest = closest[index];
+    record_for(index, nearest.y);
     bool missed = isinf(uintBitsToFloat(nearest.x));
 
     // Its own part comes first, and is 1.
@@ -43,5 +44,5 @@ void main() {
     float other = share_of(push.projector, s.position, s.normal_geometric, true);
     other *= edge_fade(edge_at(push.projector, s.position));
     inverse_weight[index] += other / max(mine, 1e-30);
-    publish_counts(0u, 1u);
+    publish_counts(0u, blend_rays_made);
 }

@@ -41,6 +41,7 @@ void main() {
         return;
     }
     uint index = pixel_index(pixel);
+    record_for(index, push.sample_index);
     uvec2 found = hits[index];
     vec3 radiance = vec3(0.0);
     if (found.x != NO_INSTANCE) {

@@ -19,6 +19,7 @@ void main() {
         return;
     }
     uint index = pixel_index(pixel);
+    record_for(index, push.sample_index);
     Ray ray = sample_ray(pixel, push.sample_index);
     Hit hit = trace_closest(ray, PHYSICAL);
     hits[index] = uvec2(hit.instance, hit.triangle);

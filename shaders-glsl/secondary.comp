@@ -187,6 +187,7 @@ void main() {
         return;
     }
     uint index = live[at];
+    record_for(index, push.sample_index);
     uvec2 pixel = pixel_of(index);
     Ray primary = sample_ray(pixel, push.sample_index);
     Sight point;

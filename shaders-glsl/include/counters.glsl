@@ -15,6 +15,7 @@ layout(std430, binding = 27) buffer Counters {
 uint steps_taken = 0u;
 uint shadow_rays_made = 0u;
 uint secondary_rays_made = 0u;
+uint blend_rays_made = 0u;
 
 void count_step() {
     if (COUNT_RAYS != 0u) {

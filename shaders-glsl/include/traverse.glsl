@@ -20,6 +20,8 @@ struct Hit {
     vec2 barycentric;
 };
 
+#include "record.glsl"
+
 // Whether any surface of the scene lets light through, and whether any material has a texture: known when pipelines are made, so
 // that a scene without them pays nothing. Branches cost as much untaken as taken on a driver that runs both sides under a mask.
 layout(constant_id = 2) const uint TEXTURED = 1u;
@@ -260,12 +262,16 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
 Hit trace_closest(Ray ray, uint roles) {
     Hit hit;
     traverse(ray, roles, CLOSEST, hit);
+    record_closest(roles, ray, hit);
     return hit;
 }
 
 bool is_blocked(Ray ray, uint roles) {
     Hit hit;
-    return traverse(ray, roles, ANY, hit);
+    ++blend_rays_made;
+    bool blocked = traverse(ray, roles, ANY, hit);
+    record_ray(RAY_BLEND, ray, hit);
+    return blocked;
 }
 
 #ifdef MATERIALS_KNOWN
@@ -279,7 +285,9 @@ vec3 trace_shadow(Ray ray) {
     while (true) {
         Hit hit;
         bool more = false;
-        if (traverse(ray, EVERYTHING, SHADOW, hit)) {
+        bool blocked = traverse(ray, EVERYTHING, SHADOW, hit);
+        record_ray(RAY_SHADOW, ray, hit);
+        if (blocked) {
             transmittance = vec3(0.0);
         } else if (TRANSMISSIVE != 0u && hit.instance != NO_INSTANCE) {
             transmittance *= shadow_crossing(hit, ray.direction);

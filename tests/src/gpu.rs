@@ -44,6 +44,7 @@ pub const ONE_SAMPLE: Settings = Settings {
     raster: lantern_render::RasterOrder::After,
     blend: false,
     count_rays: false,
+    record_rays: false,
     eye_at_projector: false,
 };
 

@@ -179,8 +179,13 @@ fn bench_times_every_case() {
     );
     assert_eq!(all["cases"]["static"]["projectors"]["left"]["rays"]["primary"], 0);
 
-    let (code, _, stderr) = lanternd(&["bench", "-c", &file, "--dump", "/tmp/nowhere"]);
-    assert!(code == Some(1) && stderr.contains("--dump is not built yet"), "{stderr}");
+    // One case alone, and a dump that has nowhere to go.
+    let nowhere = format!("{file}/dump");
+    let (code, text, stderr) = lanternd(&["bench", "-c", &file, "--frames", "1", "--case", "static", "--json"]);
+    let all: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((code, all["cases"].as_object().unwrap().len()), (Some(0), 1), "{stderr}");
+    let (code, _, stderr) = lanternd(&["bench", "-c", &file, "--frames", "1", "--case", "static", "--dump", &nowhere]);
+    assert!(code == Some(1) && stderr.contains(&format!("writing {nowhere}")), "{stderr}");
 }
 
 /// A program's environment in which the loader finds no driver.

@@ -14,7 +14,7 @@ use lantern_calibration::GpuFrustum;
 use lantern_gpu::{
     Binding, BindingKind, Bindings, Buffer, BufferKind, ComputePipeline, Recorder, Resource, TexelFormat,
 };
-use lantern_render::{GpuFrame, MAX_VIEWERS, Pattern, RayCounts, shaders};
+use lantern_render::{GpuFrame, MAX_VIEWERS, Pattern, RayCounts, RayKind, RecordHead, RecordedRay, shaders};
 use lantern_scene::{
     PRIMARY_ROLES, SECONDARY_ROLES,
     pack::{
@@ -155,7 +155,11 @@ impl Reflection {
             .map(|ty| {
                 let types = self.types[&ty].operands.iter().map(id);
                 let all = self.member_names(ty).into_iter().zip(types).enumerate();
-                all.map(|(m, (name, of))| (name, (self.offset(ty, m as u32).unwrap(), self.size(of)))).collect()
+                // An array without an end is no part of what stands before it.
+                let ends = |of: &Word| self.types[of].class.opcode != Op::TypeRuntimeArray;
+                all.filter(|(_, (_, of))| ends(of))
+                    .map(|(m, (name, of))| (name, (self.offset(ty, m as u32).unwrap(), self.size(of))))
+                    .collect()
             })
             .map(without_padding)
             .collect()
@@ -214,7 +218,17 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
     let (counts, counts_size) = members!(RayCounts { primary, secondary, shadow, blend, most_steps });
     let suffixed = |name: String| if name == "most_steps" { name } else { format!("{name}_rays") };
     let counts = counts.into_iter().map(|(name, place)| (suffixed(name), place)).collect();
-    vec![("GpuFrustum", frustum), ("Frame", frame), ("GpuTexture", texture), ("Counters", (counts, counts_size))]
+    let head = members!(RecordHead { wanted_kind, wanted_part, part_count, record_room, records_kept, rays_traced });
+    let ray =
+        members!(RecordedRay { origin, t_min, direction, t_max, t, instance, triangle, pixel, sample_index, turn });
+    vec![
+        ("GpuFrustum", frustum),
+        ("Frame", frame),
+        ("GpuTexture", texture),
+        ("Counters", (counts, counts_size)),
+        ("Records", head),
+        ("RecordedRay", ray),
+    ]
 }
 
 #[test]
@@ -374,6 +388,12 @@ fn every_constant_is_its_twins() {
         ("PATTERN_BLACK", Pattern::Black as u32),
         ("PATTERN_CHECKER", Pattern::Checker as u32),
         ("PATTERN_IDENTIFY", Pattern::Identify as u32),
+        ("RAY_PRIMARY", RayKind::Primary as u32),
+        ("RAY_SECONDARY", RayKind::Secondary as u32),
+        ("RAY_VIRTUAL", RayKind::Virtual as u32),
+        ("RAY_SHADOW", RayKind::Shadow as u32),
+        ("RAY_BLEND", RayKind::Blend as u32),
+        ("RAY_KINDS", RayKind::ALL.len() as u32),
     ] {
         assert_eq!(glsl.get(name), Some(&value), "{name}");
     }

@@ -1,7 +1,7 @@
 //! An opened device: its queues and its pipeline cache.
 
 use std::path::Path;
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::cache::PipelineCache;
@@ -18,12 +18,24 @@ use crate::ticket::Ticket;
 /// How long the end of a process may wait for a device that has hung.
 const DROP_PATIENCE: Duration = Duration::from_secs(10);
 
+/// What was submitted to a device since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Command buffers, each a submission of its own.
+    pub submissions: u64,
+    /// Compute dispatches in them, direct and indirect.
+    pub dispatches: u64,
+    /// Barriers in them.
+    pub barriers: u64,
+}
+
 /// An opened device.
 pub struct Device {
     pub(crate) handle: Arc<DeviceHandle>,
     pub(crate) queues: Vec<Queue>,
     pub(crate) release: Arc<Release>,
     pub(crate) cache: PipelineCache,
+    pub(crate) work: Mutex<Work>,
 }
 
 impl std::fmt::Debug for Device {
@@ -78,7 +90,7 @@ impl Device {
         let cache = PipelineCache::open(&handle, cache_dir)?;
         let cache_bytes = cache.loaded_bytes();
         tracing::info!(device = handle.info.name, queues = count, ray_queries, cache_bytes, "device opened");
-        Ok(Arc::new(Device { handle, queues, release: Arc::default(), cache }))
+        Ok(Arc::new(Device { handle, queues, release: Arc::default(), cache, work: Mutex::default() }))
     }
 
     /// What the device is and can do.
@@ -115,6 +127,11 @@ impl Device {
     /// Bytes of device and mapped memory that live buffers and images take.
     pub fn allocated_bytes(&self) -> u64 {
         self.handle.allocated_bytes()
+    }
+
+    /// What was submitted so far.
+    pub fn work(&self) -> Work {
+        *self.work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Bytes of compiled pipelines that were read from disk when the device was opened.

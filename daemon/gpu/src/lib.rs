@@ -51,7 +51,7 @@ mod validation;
 pub use binding::{Bindings, Resource};
 pub use buffer::{Buffer, BufferKind, TexelFormat};
 pub use command::{Commands, Draws, Load, Recorder};
-pub use device::Device;
+pub use device::{Device, Work};
 pub use error::GpuError;
 pub use handle::Limits;
 pub use image::{Image, ImageFormat, ImageUsage};

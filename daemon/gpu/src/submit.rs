@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock, PoisonError};
 use ash::vk;
 
 use crate::command::Commands;
-use crate::device::Device;
+use crate::device::{Device, Work};
 use crate::error::GpuError;
 use crate::queue::Queue;
 use crate::release::Parked;
@@ -37,6 +37,7 @@ impl Device {
         let value = *last + 1;
         self.submit_raw(queue, &commands, waits.values(), value)?;
         *last = value;
+        self.count(commands.work());
         let name = commands.name().to_owned();
         let (encoder, kept, spans) = commands.submitted(value);
         let times = Arc::new(OnceLock::new());
@@ -50,6 +51,13 @@ impl Device {
             release: Arc::clone(&self.release),
             times,
         })
+    }
+
+    fn count(&self, more: Work) {
+        let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
+        work.submissions += more.submissions;
+        work.dispatches += more.dispatches;
+        work.barriers += more.barriers;
     }
 
     /// What commands must wait for: of each queue but their own, the latest value.
@@ -119,6 +127,7 @@ mod tests {
     use crate::info;
     use crate::instance::{Instance, Validation};
     use crate::select;
+    use std::sync::Mutex;
     use std::time::Duration;
 
     /// A device whose queues are two names of one, so that what is between queues can be tested where there is but one.
@@ -131,7 +140,7 @@ mod tests {
         let mut queues = Queue::all(&handle, family, 1).unwrap();
         queues.extend(Queue::all(&handle, family, 1).unwrap());
         let cache = PipelineCache::open(&handle, None).unwrap();
-        Arc::new(Device { handle, queues, release: Arc::default(), cache })
+        Arc::new(Device { handle, queues, release: Arc::default(), cache, work: Mutex::default() })
     }
 
     fn buffer(device: &Arc<Device>, kind: BufferKind) -> Arc<Buffer> {

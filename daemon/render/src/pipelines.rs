@@ -12,6 +12,8 @@ use crate::shaders;
 const EYE_AT_PROJECTOR: u32 = 0;
 /// Specialisation constant of every shader that traces.
 const COUNT_RAYS: u32 = 1;
+/// The same: write rays down.
+const RECORD_RAYS: u32 = 8;
 
 /// Specialisation constant of every shader that looks at surfaces: any texture.
 const TEXTURED: u32 = 2;
@@ -55,6 +57,7 @@ pub(crate) struct Pipelines {
 impl Pipelines {
     pub(crate) fn new(device: &Arc<Device>, settings: &Settings, features: Features) -> Result<Self, GpuError> {
         let count = (COUNT_RAYS, u32::from(settings.count_rays));
+        let record = (RECORD_RAYS, u32::from(settings.record_rays));
         let eye_at_projector = (EYE_AT_PROJECTOR, u32::from(settings.eye_at_projector));
         let textured = (TEXTURED, u32::from(features.textured));
         let transmissive = (TRANSMISSIVE, u32::from(features.transmissive));
@@ -75,11 +78,11 @@ impl Pipelines {
         };
         let composite = |name, test| graphics(name, &shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG, test, &[]);
         Ok(Self {
-            primary: compute(&shaders::PRIMARY_COMP, &[count])?,
-            light: compute(&shaders::LIGHT_COMP, &[count, textured, transmissive])?,
-            secondary: compute(&shaders::SECONDARY_COMP, &[eye_at_projector, count, textured, transmissive])?,
+            primary: compute(&shaders::PRIMARY_COMP, &[count, record])?,
+            light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive])?,
+            secondary: compute(&shaders::SECONDARY_COMP, &[eye_at_projector, count, record, textured, transmissive])?,
             edges: compute(&shaders::EDGES_COMP, &[])?,
-            blend: compute(&shaders::BLEND_COMP, &[count, textured])?,
+            blend: compute(&shaders::BLEND_COMP, &[count, record, textured])?,
             resolve: compute(&shaders::RESOLVE_COMP, &[])?,
             room: compute(&shaders::ROOM_COMP, &[textured])?,
             composite_first: composite("composite, first", DepthTest::Always)?,

@@ -38,11 +38,11 @@ impl Projector {
         device: &Arc<Device>,
         spec: ProjectorSpec,
         queue: usize,
-        samples: u32,
+        settings: &Settings,
     ) -> Result<Self, RenderError> {
         let frustum = Frustum::new(spec.calibration);
         let size_px = spec.calibration.resolution_px();
-        let targets = Targets::new(device, &spec.name, size_px.to_array(), samples)?;
+        let targets = Targets::new(device, &spec.name, size_px.to_array(), settings)?;
         Ok(Self {
             spec,
             frustum,

@@ -15,6 +15,7 @@ use crate::pattern::Pattern;
 use crate::pipelines::{Features, Pipelines};
 use crate::projector::Projector;
 use crate::readback::{self, Layer, LayerImage};
+use crate::record::{self, RayKind, Recorded};
 use crate::scene_buffers::SceneBuffers;
 use crate::settings::{HUNG_AFTER, ProjectorSpec, Settings};
 use crate::stale::{Change, Stale, stale_by};
@@ -95,7 +96,7 @@ impl Renderer {
         let projectors = specs
             .into_iter()
             .enumerate()
-            .map(|(i, spec)| Projector::new(device, spec, i, settings.samples))
+            .map(|(i, spec)| Projector::new(device, spec, i, &settings))
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             device: device.clone(),
@@ -152,7 +153,7 @@ impl Renderer {
         let mut made = Vec::new();
         for (index, spec) in specs.iter().enumerate() {
             let kept = self.projectors.iter().any(|old| same_image(old, spec));
-            let new = || Projector::new(&self.device, spec.clone(), index, self.settings.samples);
+            let new = || Projector::new(&self.device, spec.clone(), index, &self.settings);
             made.push(if kept { None } else { Some(new()?) });
         }
         let frusta = frusta_buffer(&self.device, specs.len())?;
@@ -202,6 +203,27 @@ impl Renderer {
         for projector in &mut self.projectors {
             projector.stale |= stale;
         }
+    }
+
+    /// Empties what was recorded, and says what the next frames are to keep: the rays of a kind, or of those the part `part` of
+    /// `part_count`, which is at least 1. Nothing is recorded without [`Settings::record_rays`].
+    ///
+    /// # Errors
+    /// What Vulkan says.
+    pub fn record(&mut self, kind: RayKind, part: u32, part_count: u32) -> Result<(), RenderError> {
+        for projector in &self.projectors {
+            record::begin(&self.device, &projector.targets.records, kind, part, part_count.max(1))?;
+        }
+        Ok(())
+    }
+
+    /// The rays of a projector since [`Renderer::record`].
+    ///
+    /// # Errors
+    /// [`RenderError::NoProjector`], or what Vulkan says.
+    pub fn recorded(&self, projector: usize) -> Result<Recorded, RenderError> {
+        let of = self.projectors.get(projector).ok_or(RenderError::NoProjector(projector))?;
+        Ok(record::read(&self.device, &of.targets.records)?)
     }
 
     /// Shows a test pattern on a projector instead of the scene, or the scene again.

@@ -14,6 +14,7 @@ use crate::frame::GpuFrame;
 use crate::jitter::sample_state;
 use crate::pipelines::Pipelines;
 use crate::readback::{LayerImage, Texels, read_words};
+use crate::record;
 use crate::settings::{HUNG_AFTER, Settings};
 use crate::targets::COUNTER_WORDS;
 
@@ -44,6 +45,7 @@ pub(crate) fn render(
     let frame_buffer = Buffer::new(device, "room/frame", BufferKind::Uniform, size_of::<GpuFrame>() as u64)?;
     let state = Buffer::new(device, "room/sample state", BufferKind::Storage, u64::from(view.settings.samples) * 4)?;
     let counters = Buffer::new(device, "room/counters", BufferKind::Storage, COUNTER_WORDS * 4)?;
+    let records = record::buffer(device, "room", false)?;
     let seen = Buffer::new(device, "room/seen", BufferKind::Storage, pixels * 16)?;
     frame_buffer.write(0, bytemuck::bytes_of(&frame))?;
 
@@ -58,6 +60,7 @@ pub(crate) fn render(
             .with_buffer("Frame", &frame_buffer)
             .with_buffer("SampleState", &state)
             .with_buffer("Counters", &counters)
+            .with_buffer("Records", &records)
             .with_buffer("Color", picture)
             .with_buffer("Room", &seen)
             .bind(&*pipelines.room)?;

@@ -36,6 +36,8 @@ pub struct Settings {
     pub blend: bool,
     /// Count rays by kind.
     pub count_rays: bool,
+    /// Write rays down, as [`Renderer::record`](crate::Renderer::record) asks; takes up to 128 MiB a projector.
+    pub record_rays: bool,
     /// The naive method: reflect each projector's own ray. For the test that shows it to be wrong.
     pub eye_at_projector: bool,
 }
@@ -48,6 +50,7 @@ impl Default for Settings {
             raster: RasterOrder::After,
             blend: true,
             count_rays: false,
+            record_rays: false,
             eye_at_projector: false,
         }
     }

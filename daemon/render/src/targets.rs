@@ -6,6 +6,8 @@ use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Image, ImageFormat, Imag
 
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
+use crate::record;
+use crate::settings::Settings;
 
 /// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 108.
 pub(crate) struct Targets {
@@ -39,6 +41,8 @@ pub(crate) struct Targets {
     pub(crate) color: Arc<Buffer>,
     /// Rays by kind.
     pub(crate) counters: Arc<Buffer>,
+    /// Rays themselves, where they are recorded.
+    pub(crate) records: Arc<Buffer>,
 }
 
 /// Bytes of `Live` before its list: workgroups of the indirect dispatch, and how long the list is.
@@ -51,7 +55,13 @@ pub(crate) const LIVE_EMPTY: [u32; 4] = [0, 1, 1, 0];
 pub(crate) const COUNTER_WORDS: u64 = 5;
 
 impl Targets {
-    pub(crate) fn new(device: &Arc<Device>, name: &str, size_px: [u32; 2], samples: u32) -> Result<Self, GpuError> {
+    pub(crate) fn new(
+        device: &Arc<Device>,
+        name: &str,
+        size_px: [u32; 2],
+        settings: &Settings,
+    ) -> Result<Self, GpuError> {
+        let samples = settings.samples;
         let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
         let storage =
             |what: &str, bytes: u64| Buffer::new(device, &format!("{name}/{what}"), BufferKind::Storage, bytes);
@@ -79,6 +89,7 @@ impl Targets {
             depth_and_node: storage("depth and node", pixels * 8)?,
             color: storage("color", pixels * 4)?,
             counters: storage("counters", COUNTER_WORDS * 4)?,
+            records: record::buffer(device, name, settings.record_rays)?,
         })
     }
 
@@ -101,6 +112,7 @@ impl Targets {
             .with_buffer("EdgeScratch", &self.depth_and_node)
             .with_buffer("Color", &self.color)
             .with_buffer("Counters", &self.counters)
+            .with_buffer("Records", &self.records)
     }
 
     /// Bytes of all of it on the device.
@@ -117,6 +129,7 @@ impl Targets {
             &self.depth_and_node,
             &self.color,
             &self.counters,
+            &self.records,
         ];
         let buffers = single.into_iter().chain(&self.hits).chain(&self.live).map(|b| b.bytes());
         let images = [&self.radiance_image, &self.node_image, &self.depth_image].into_iter().map(|i| i.bytes());

@@ -72,7 +72,10 @@ enum Command {
         /// Frames of each case
         #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
         frames: u32,
-        /// Write rays and hits for another tracer to be measured on (not built yet)
+        /// One case alone, or several
+        #[arg(long = "case", value_name = "CASE")]
+        cases: Vec<bench::Case>,
+        /// Also write the rays of a frame and what they hit, for another tracer to be measured on
         #[arg(long, value_name = "DIR")]
         dump: Option<PathBuf>,
         /// For programs
@@ -91,11 +94,8 @@ fn main() -> ExitCode {
         Command::Demo { out, frames } => demo::demo(&out, frames).map(|()| true),
         Command::Check { config, json } => check::check(&config, json),
         Command::Devices { json } => devices::devices(json).map(|()| true),
-        Command::Bench { dump: Some(_), .. } => {
-            Err(anyhow::anyhow!("bench --dump is not built yet; hint: leave it out"))
-        }
-        Command::Bench { config, frames, json, dump: None } => {
-            bench::bench(config.as_deref(), frames, json).map(|()| true)
+        Command::Bench { config, frames, cases, dump, json } => {
+            bench::bench(&bench::Options { config, frames, cases, dump, json }).map(|()| true)
         }
     };
     match done {

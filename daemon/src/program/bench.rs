@@ -1,18 +1,19 @@
 //! `lanternd bench`: times stages as CONTRACT, Bench, says.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use comfy_table::{Table, presets};
 use glam::DVec3;
 use hdrhistogram::Histogram;
-use lantern_gpu::Device;
+use lantern_gpu::{Device, Work};
 use lantern_render::stale::Stale;
 use lantern_render::{ProjectorReport, RayCounts, Renderer, Settings};
 use lantern_scene::{Editor, Role};
 use serde_json::{Value, json};
 
+use super::dump;
 use super::progress::Progress;
 use crate::service::setup::{self, Loaded};
 use crate::service::vulkan::{open_device, open_vulkan};
@@ -24,8 +25,8 @@ const LONGEST_US: u64 = 600_000_000;
 const WARM_UP: u32 = 2;
 
 /// What changes from frame to frame.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Case {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Case {
     /// Nothing.
     Static,
     /// The eye.
@@ -58,17 +59,42 @@ struct Times {
     gpu_bytes: u64,
 }
 
+/// What was measured in a case.
+struct Measured {
+    projectors: BTreeMap<String, Times>,
+    /// What one frame of the case submits, of all projectors and the scene together.
+    work: Work,
+}
+
 fn histogram() -> Histogram<u64> {
     #[expect(clippy::unwrap_used, reason = "the bounds are constants that the histogram takes")]
     Histogram::new_with_bounds(1, LONGEST_US, 3).unwrap()
 }
 
-/// Times `frames` frames of each case and prints them. Where `config` is absent, of the demo.
+/// What to time.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The configuration; the demo's where it is absent.
+    pub config: Option<PathBuf>,
+    /// Frames of each case.
+    pub frames: u32,
+    /// Which cases, by name; all where it is empty.
+    pub cases: Vec<Case>,
+    /// Where to write rays and hits for another tracer.
+    pub dump: Option<PathBuf>,
+    /// For programs.
+    pub json: bool,
+}
+
+/// Times frames of each case and prints them.
 ///
 /// # Errors
-/// A bad configuration or no Vulkan.
-pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Result<()> {
-    let mut loaded = match config {
+/// A bad configuration, no Vulkan, or a dump that cannot be written.
+pub fn bench(options: &Options) -> anyhow::Result<()> {
+    let frames = options.frames;
+    let chosen: Vec<Case> =
+        Case::ALL.into_iter().filter(|case| options.cases.is_empty() || options.cases.contains(case)).collect();
+    let mut loaded = match &options.config {
         Some(path) => setup::load(path)?,
         None => setup::from_config(super::demo::config()?, "config/demo.toml")?,
     };
@@ -80,29 +106,32 @@ pub fn bench(config: Option<&Path>, frames: u32, as_json: bool) -> anyhow::Resul
     let viewer = viewer.unwrap_or(DVec3::new(0.0, 1.6, 2.2));
 
     // Rays are counted in a run of their own: counting costs time.
-    let mut cases = BTreeMap::new();
+    let mut cases = Cases::new();
     let mut gpu_bytes = 0;
-    let progress = Progress::new(2 * Case::ALL.len() as u64);
+    let progress = Progress::new(2 * chosen.len() as u64);
     for counting in [true, false] {
         let settings = Settings { count_rays: counting, ..settings };
         let mut renderer = Renderer::new(&device, loaded.projectors.clone(), settings, loaded.editor.current())?;
-        for case in Case::ALL {
+        for &case in &chosen {
             let frames = if counting { 1 } else { frames };
             progress.step(&format!("{}: {}", case.name(), if counting { "counting rays" } else { "timing" }));
-            let times = run_case(&mut renderer, &mut loaded.editor, viewer, case, frames)?;
-            let kept = cases.entry(case.name()).or_insert_with(BTreeMap::new);
-            for (projector, mut t) in times {
-                if let Some(counted) = kept.get(&projector).map(|k: &Times| k.rays) {
-                    t.rays = counted;
+            let mut measured = run_case(&mut renderer, &mut loaded.editor, viewer, case, frames)?;
+            if let Some(counted) = cases.get(case.name()) {
+                for (projector, times) in &mut measured.projectors {
+                    times.rays = counted.projectors.get(projector).map_or(times.rays, |c| c.rays);
                 }
-                kept.insert(projector, t);
             }
+            cases.insert(case.name(), measured);
         }
         gpu_bytes = device.allocated_bytes();
     }
     progress.finish();
-    let done = Done { device: &device, loaded: &loaded, settings: &settings, cases: &cases, frames, gpu_bytes };
-    if as_json {
+    let dumped = match &options.dump {
+        Some(folder) => Some(dump::dump(&device, &loaded, settings, viewer, folder)?),
+        None => None,
+    };
+    let done = Done { device: &device, loaded: &loaded, settings: &settings, cases: &cases, frames, gpu_bytes, dumped };
+    if options.json {
         say!("{}", serde_json::to_string_pretty(&to_json(&done))?);
     } else {
         say!("{}", to_text(&done));
@@ -116,7 +145,7 @@ fn run_case(
     viewer: DVec3,
     case: Case,
     frames: u32,
-) -> anyhow::Result<BTreeMap<String, Times>> {
+) -> anyhow::Result<Measured> {
     let names: Vec<String> = renderer.projectors().map(|p| p.name.clone()).collect();
     let nothing =
         |gpu_bytes| Times { frame: histogram(), stages: BTreeMap::new(), rays: RayCounts::default(), gpu_bytes };
@@ -131,6 +160,7 @@ fn run_case(
         .find(|n| n.role == Role::Prop)
         .map(|n| (n.name.clone(), n.translation_m, n.rotation));
     let mut eye = viewer;
+    let mut work = Work::default();
     for frame in 0..WARM_UP + frames {
         let phase = f64::from(frame) * 0.7;
         match case {
@@ -144,9 +174,15 @@ fn run_case(
             }
             Case::Full => renderer.make_stale(Stale::EVERYTHING),
         }
-        let start = std::time::Instant::now();
+        let (start, before) = (std::time::Instant::now(), renderer.device().work());
         let report = renderer.render(|| vec![eye])?;
         let took = start.elapsed().as_micros() as u64;
+        let after = renderer.device().work();
+        work = Work {
+            submissions: after.submissions - before.submissions,
+            dispatches: after.dispatches - before.dispatches,
+            barriers: after.barriers - before.barriers,
+        };
         if frame < WARM_UP {
             continue;
         }
@@ -164,7 +200,7 @@ fn run_case(
     if let Some((name, translation, rotation)) = &prop {
         renderer.set_scene(editor.place(name, *translation, *rotation)?);
     }
-    Ok(all)
+    Ok(Measured { projectors: all, work })
 }
 
 fn add(times: &mut Times, report: &ProjectorReport) {
@@ -195,7 +231,7 @@ fn mray_s(times: &Times, count: u32, stages: &[&str]) -> Option<f64> {
     (spent > 0.0 && count > 0).then(|| f64::from(count) / spent / 1e3)
 }
 
-type Cases = BTreeMap<&'static str, BTreeMap<String, Times>>;
+type Cases = BTreeMap<&'static str, Measured>;
 
 /// What was timed, and on what.
 struct Done<'a> {
@@ -206,14 +242,16 @@ struct Done<'a> {
     frames: u32,
     /// Of the scene and all projectors together.
     gpu_bytes: u64,
+    /// What `dump.json` says, where there is a dump.
+    dumped: Option<Value>,
 }
 
 fn to_json(done: &Done<'_>) -> Value {
-    let Done { device, loaded, settings, cases, frames, gpu_bytes } = *done;
+    let Done { device, loaded, settings, cases, frames, gpu_bytes, .. } = *done;
     let percentiles = |h: &Histogram<u64>| json!({ "p50": ms(h, 0.5), "p95": ms(h, 0.95) });
     // A stage that a case leaves out took no time in it.
     let stages: BTreeSet<&str> =
-        cases.values().flat_map(|case| case.values()).flat_map(|t| t.stages.keys().copied()).collect();
+        cases.values().flat_map(|case| case.projectors.values()).flat_map(|t| t.stages.keys().copied()).collect();
     let nothing = json!({ "p50": 0.0, "p95": 0.0 });
     let of_projector = |times: &Times| {
         let of_stage = |stage| times.stages.get(stage).map_or_else(|| nothing.clone(), percentiles);
@@ -223,14 +261,16 @@ fn to_json(done: &Done<'_>) -> Value {
             kinds(&times.rays).into_iter().filter_map(|(k, n, s)| Some((k, mray_s(times, n, s)?))).collect();
         json!({ "frame_ms": percentiles(&times.frame), "stages_ms": stages, "rays": rays, "mray_s": speed, "gpu_bytes": times.gpu_bytes })
     };
-    let of_case = |projectors: &BTreeMap<String, Times>| {
-        let all: BTreeMap<_, _> = projectors.iter().map(|(name, t)| (name, of_projector(t))).collect();
-        json!({ "projectors": all, "gpu_bytes": gpu_bytes })
+    let of_case = |case: &Measured| {
+        let all: BTreeMap<_, _> = case.projectors.iter().map(|(name, t)| (name, of_projector(t))).collect();
+        let Work { submissions, dispatches, barriers } = case.work;
+        let work = json!({ "submissions": submissions, "dispatches": dispatches, "barriers": barriers });
+        json!({ "projectors": all, "gpu_bytes": gpu_bytes, "work": work })
     };
     let scene = loaded.editor.current();
     let resolutions: BTreeMap<_, _> =
         loaded.projectors.iter().map(|p| (&p.name, p.calibration.resolution_px().to_array())).collect();
-    json!({
+    let mut told = json!({
         "device": { "name": device.info().name, "driver": device.info().driver_info, "kind": device.info().kind },
         "scene": { "nodes": scene.nodes.len(), "triangles": scene.triangle_count(), "bytes": scene.device_bytes() },
         "resolution_px": resolutions,
@@ -239,17 +279,21 @@ fn to_json(done: &Done<'_>) -> Value {
         "frames": frames,
         "gpu_bytes": gpu_bytes,
         "cases": cases.iter().map(|(case, p)| (*case, of_case(p))).collect::<BTreeMap<_, _>>(),
-    })
+    });
+    if let Some(dumped) = &done.dumped {
+        told["dump"] = dumped.clone();
+    }
+    told
 }
 
 fn to_text(done: &Done<'_>) -> String {
-    let Done { device, loaded, settings, cases, frames, gpu_bytes } = *done;
+    let Done { device, loaded, settings, cases, frames, gpu_bytes, .. } = *done;
     let scene = loaded.editor.current();
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(["case", "projector", "frame ms p50", "p95", "stages ms p50", "rays", "Mray/s"]);
     for case in Case::ALL {
-        for (projector, times) in &cases[case.name()] {
+        for (projector, times) in cases.get(case.name()).into_iter().flat_map(|c| &c.projectors) {
             let stages: Vec<_> = times.stages.iter().map(|(s, h)| format!("{s} {:.2}", ms(h, 0.5))).collect();
             let counted: Vec<_> = kinds(&times.rays).into_iter().filter(|(_, n, _)| *n > 0).collect();
             let rays: Vec<_> = counted.iter().map(|(k, n, _)| format!("{k} {n}")).collect();

@@ -9,6 +9,7 @@ pub mod bench;
 pub mod check;
 pub mod demo;
 pub mod devices;
+mod dump;
 mod progress;
 
 use std::fmt::Arguments;

@@ -73,6 +73,7 @@ impl Recorder {
             kept: Vec::new(),
             spans: Vec::new(),
             barriers: 0,
+            dispatches: 0,
             encoder: Some(encoder),
         };
         let mut recorder = Recorder {
@@ -151,6 +152,7 @@ impl Recorder {
         self.bind(vk::PipelineBindPoint::COMPUTE, pipeline.raw, &pipeline.layout, bindings, push);
         // SAFETY: pipeline, bindings and push constants are bound, all for this layout; the counts are within limits.
         unsafe { self.raw().cmd_dispatch(self.recording.commands(), groups[0], groups[1], groups[2]) };
+        self.recording.dispatches += 1;
         self.keep(pipeline);
         self.keep(bindings);
         Ok(())
@@ -182,6 +184,7 @@ impl Recorder {
         // SAFETY: pipeline, bindings and push constants are bound, all for this layout; the buffer may hold counts, has
         // three words, is kept below and was made available by the barrier before.
         unsafe { self.raw().cmd_dispatch_indirect(self.recording.commands(), counts.raw, 0) };
+        self.recording.dispatches += 1;
         self.keep(pipeline);
         self.keep(bindings);
         self.keep(counts);

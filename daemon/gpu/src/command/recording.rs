@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use crate::device::Device;
+use crate::device::{Device, Work};
 use crate::encoder::Encoder;
 use crate::release::Kept;
 use crate::ticket::{Phase, Ticket};
@@ -22,6 +22,8 @@ pub(super) struct Recording {
     pub(super) spans: Vec<Span>,
     /// How many barriers stand in it.
     pub(super) barriers: u32,
+    /// How many compute dispatches.
+    pub(super) dispatches: u32,
     /// None once it was submitted.
     pub(super) encoder: Option<Encoder>,
 }
@@ -72,6 +74,11 @@ impl Commands {
 
     pub(crate) fn depends(&self) -> &[Arc<Ticket>] {
         &self.0.depends
+    }
+
+    /// What it adds to the device's work, once it is submitted.
+    pub(crate) fn work(&self) -> Work {
+        Work { submissions: 1, dispatches: self.0.dispatches.into(), barriers: self.0.barriers.into() }
     }
 
     pub(crate) fn raw(&self) -> vk::CommandBuffer {
