@@ -107,6 +107,9 @@ pub struct ProjectorStatus {
     pub stages_ms: BTreeMap<String, f64>,
     /// From reading the pose to the submission that uses it, last frame.
     pub pose_to_submit_ms: f64,
+    /// Device memory that it has for itself; the scene's is shared.
+    #[serde(default)]
+    pub gpu_bytes: u64,
     /// The scene's revision that is shown.
     #[serde(default)]
     pub revision: u64,

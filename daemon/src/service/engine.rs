@@ -183,6 +183,7 @@ impl Engine for DaemonEngine {
                 frame_ms: seen.frame_ms(),
                 stages_ms: seen.stages_ms,
                 pose_to_submit_ms: seen.pose_to_submit_ms,
+                gpu_bytes: seen.gpu_bytes,
                 revision: seen.revision,
                 frame: seen.frame,
             };

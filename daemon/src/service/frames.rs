@@ -95,7 +95,7 @@ impl FrameThread {
     fn new(device: Arc<Device>, setup: Setup, links: Links, frames: Option<u64>) -> Result<Self, RenderError> {
         let clock = clock_of(&setup.refresh_hz);
         let renderer = Renderer::new(&device, setup.projectors, setup.settings, setup.scene)?;
-        links.stats.set_projectors(renderer.projectors().map(|p| p.name.as_str()));
+        links.stats.set_projectors(&renderer);
         Ok(Self { device, renderer, links, clock, frames, frame: 0, counted_refresh: 0, behind: false })
     }
 
@@ -267,7 +267,7 @@ impl FrameThread {
             report
         };
         self.links.shared.publish_shown(self.renderer.scene());
-        self.links.stats.set_projectors(self.renderer.projectors().map(|p| p.name.as_str()));
+        self.links.stats.set_projectors(&self.renderer);
         self.clock = clock_of(&setup.refresh_hz);
         self.counted_refresh = 0;
         if let Some(report) = report {

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use hdrhistogram::Histogram;
 use lantern_proto::status::FrameTimes;
-use lantern_render::ProjectorReport;
+use lantern_render::{ProjectorReport, Renderer};
 
 /// One projector's frames.
 #[derive(Clone, Debug)]
@@ -22,6 +22,8 @@ pub struct ProjectorStats {
     pub stages_ms: BTreeMap<String, f64>,
     /// Of the last frame, ms.
     pub pose_to_submit_ms: f64,
+    /// Device memory that it has for itself.
+    pub gpu_bytes: u64,
     /// Times in µs.
     times: Histogram<u32>,
 }
@@ -34,7 +36,7 @@ impl Default for ProjectorStats {
         #[expect(clippy::unwrap_used, reason = "the bounds are constants that the histogram takes")]
         let times = Histogram::new_with_bounds(1, LONGEST_US, 3).unwrap();
         let stages_ms = ["primary", "secondary", "composite"].map(|stage| (stage.to_owned(), 0.0)).into();
-        Self { frames: 0, missed: 0, frame: 0, revision: 0, stages_ms, pose_to_submit_ms: 0.0, times }
+        Self { frames: 0, missed: 0, frame: 0, revision: 0, stages_ms, pose_to_submit_ms: 0.0, gpu_bytes: 0, times }
     }
 }
 
@@ -68,11 +70,14 @@ impl Stats {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Starts to count for exactly these projectors, keeping what is known of those that stay.
-    pub fn set_projectors<'a>(&self, names: impl Iterator<Item = &'a str>) {
+    /// Starts to count for exactly the projectors of a renderer, keeping what is known of those that stay.
+    pub fn set_projectors(&self, renderer: &Renderer) {
         let mut all = self.lock();
         let mut before = std::mem::take(&mut *all);
-        all.extend(names.map(|name| (name.to_owned(), before.remove(name).unwrap_or_default())));
+        all.extend(renderer.projectors().zip(renderer.projector_bytes()).map(|(spec, gpu_bytes)| {
+            let kept = before.remove(&spec.name).unwrap_or_default();
+            (spec.name.clone(), ProjectorStats { gpu_bytes, ..kept })
+        }));
     }
 
     /// All projectors show a frame: of one moment to whoever asks. `missed` is by how many refreshes it came too late.
