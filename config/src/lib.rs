@@ -20,7 +20,7 @@ pub use problem::Problem;
 pub use scene::{Environment, LightKind, Role, Scene, SceneLight, SceneMaterial, SceneNode};
 pub use types::{
     Body, Calibration, Config, Convention, Daemon, Device, Drives, Limits, Matrix4, Output, Projector, Protocol,
-    RasterOrder, Render, Tracker,
+    RasterOrder, RayTracing, Render, Tracker,
 };
 
 /// The demo's configuration, commented; also the place to start a configuration of one's own from.

@@ -60,6 +60,20 @@ pub struct Daemon {
 pub struct Device {
     /// Part of a name, a UUID, or an index; `None`: the best there is.
     pub select: Option<String>,
+    /// By what it traces rays.
+    pub ray_tracing: RayTracing,
+}
+
+/// By what rays are traced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RayTracing {
+    /// By the device's own ray queries where it has them and is no processor, else by walking the scene's structures.
+    #[default]
+    Auto,
+    /// By walking the scene's structures in shaders, which every device can.
+    Bvh,
+    /// By the device's ray queries; one without is refused.
+    RayQuery,
 }
 
 /// How frames are made.

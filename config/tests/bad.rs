@@ -161,6 +161,7 @@ fn numbers_must_be_in_range() {
     one("[scene]", "[limits]\nmax_lights = 0\n[scene]", "1 to 32");
     one("[scene]", "[limits]\nmax_lights = 33\n[scene]", "1 to 32");
     one("[scene]", &render("raster = \"later\""), "did you mean \"after\"?");
+    one("[scene]", "[device]\nray_tracing = \"ray-queries\"\n[scene]", "did you mean \"ray-query\"?");
     one("uri =", "rotation = [0, 0, 0, 2]\nuri =", "norm 2");
     one("uri =", "scale = [1, 0, 1]\nuri =", "not 0");
     one("uri =", "translation_m = [0, nan, 1]\nuri =", "finite");

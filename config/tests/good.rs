@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DVec3, DVec4};
 use lantern_config::{
-    Config, Convention, DEMO_TOML, Drives, Environment, Limits, Output, Projector, RasterOrder, Role,
+    Config, Convention, DEMO_TOML, Drives, Environment, Limits, Output, Projector, RasterOrder, RayTracing, Role,
 };
 use std::path::{Path, PathBuf};
 
@@ -118,6 +118,20 @@ fn a_device_may_be_a_bare_index() {
     let start = CONTRACT.find("[[projector]]").unwrap();
     let config = parse(&format!("[device]\nselect = 1\n{}", &CONTRACT[start..]));
     assert_eq!(config.device.select.as_deref(), Some("1"));
+}
+
+#[test]
+fn a_device_traces_by_what_the_configuration_says() {
+    let start = CONTRACT.find("[render]").unwrap();
+    for (key, expected) in [
+        ("", RayTracing::Auto),
+        ("ray_tracing = \"auto\"", RayTracing::Auto),
+        ("ray_tracing = \"bvh\"", RayTracing::Bvh),
+        ("ray_tracing = \"ray-query\"", RayTracing::RayQuery),
+    ] {
+        let config = parse(&format!("[device]\n{key}\n{}", &CONTRACT[start..]));
+        assert_eq!(config.device.ray_tracing, expected, "{key}");
+    }
 }
 
 fn clip_from_world(projector: &Projector) -> DMat4 {

@@ -27,14 +27,28 @@ fn main() {
     sources.sort();
 
     let mut rust = String::from("// Written by build.rs.\n");
-    let mut all = Vec::new();
+    let (mut all, mut by_ray_query) = (Vec::new(), Vec::new());
     for source in &sources {
         let name = source.file_name().and_then(|n| n.to_str()).expect("shader names are ASCII").to_owned();
-        let words = compile(source, &out.join(format!("{name}.spv")));
-        let module = rspirv::dr::load_words(&words).unwrap_or_else(|e| panic!("{name}: cannot parse its SPIR-V: {e}"));
+        let (words, module) = compile(source, &out.join(format!("{name}.spv")), &[]);
+        write_table(&mut rust, &constant_name(&name), &name, &words, &module);
+
+        // What traces is built again for ray queries, whose capability must stand in the code of whoever asks for them. No pass
+        // but compute traces; where another could, by a way that it never takes, it does not become a second shader.
+        let (words, module) = compile(source, &out.join(format!("{name}.ray_query.spv")), &["-DRAY_QUERY"]);
+        let traces = Reflection::new(&module).bindings().values().any(|table| table.kind == "AccelerationStructure");
+        if traces && name.ends_with(".comp") {
+            let constant = constant_name(&name) + "_BY_RAY_QUERY";
+            write_table(&mut rust, &constant, &format!("{name}, by ray query"), &words, &module);
+            by_ray_query.push(format!("(&{}, &{constant})", constant_name(&name)));
+        }
         all.push(constant_name(&name));
-        write_table(&mut rust, &name, &words, &module);
     }
+    let _ = writeln!(
+        rust,
+        "/// What traces, and the same for devices with ray queries.\nstatic BY_RAY_QUERY: &[(&Shader, &Shader)] = &[{}];",
+        by_ray_query.join(", ")
+    );
     let _ = writeln!(rust, "/// Every shader, sorted by name.\npub static ALL: &[&Shader] = &[{}];", {
         all.iter().map(|n| format!("&{n}")).collect::<Vec<_>>().join(", ")
     });
@@ -46,10 +60,12 @@ fn constant_name(file: &str) -> String {
     file.replace('.', "_").to_uppercase()
 }
 
-fn compile(source: &Path, target: &Path) -> Vec<Word> {
+fn compile(source: &Path, target: &Path, options: &[&str]) -> (Vec<Word>, Module) {
     let output = Command::new("glslangValidator")
         // SPIR-V 1.5: from 1.6 on the workgroup's size is an id, which needs a feature (maintenance4) for nothing.
-        .args(["-V", "--quiet", "--target-env", "vulkan1.2", "-o"])
+        .args(["-V", "--quiet", "--target-env", "vulkan1.2"])
+        .args(options)
+        .arg("-o")
         .arg(target)
         .arg(source)
         .output()
@@ -60,7 +76,10 @@ fn compile(source: &Path, target: &Path) -> Vec<Word> {
         panic!("{} does not compile:\n{}", source.display(), String::from_utf8_lossy(&output.stdout));
     }
     let bytes = fs::read(target).expect("the compiler has written its output");
-    bytes.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect()
+    let words: Vec<Word> = bytes.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
+    let module =
+        rspirv::dr::load_words(&words).unwrap_or_else(|e| panic!("{}: cannot parse its SPIR-V: {e}", source.display()));
+    (words, module)
 }
 
 struct Table {
@@ -169,7 +188,7 @@ impl<'a> Reflection<'a> {
                     Table { set, name: type_name(), kind: "UniformBuffer", reads: true, writes: false }
                 }
                 StorageClass::UniformConstant => {
-                    Table { set, name: name(), kind: self.image_kind(ty), reads: true, writes: false }
+                    Table { set, name: name(), kind: self.opaque_kind(ty), reads: true, writes: false }
                 }
                 _ => continue,
             };
@@ -178,8 +197,11 @@ impl<'a> Reflection<'a> {
         found
     }
 
-    fn image_kind(&self, ty: Word) -> &'static str {
+    fn opaque_kind(&self, ty: Word) -> &'static str {
         let declared = self.types[&ty];
+        if declared.class.opcode == Op::TypeAccelerationStructureKHR {
+            return "AccelerationStructure";
+        }
         let (image, combined) = match declared.class.opcode {
             Op::TypeSampledImage => (self.types[&id_of(&declared.operands[0])], true),
             _ => (declared, false),
@@ -238,7 +260,7 @@ fn literal(operand: &Operand) -> u32 {
     }
 }
 
-fn write_table(rust: &mut String, name: &str, words: &[Word], module: &Module) {
+fn write_table(rust: &mut String, constant: &str, name: &str, words: &[Word], module: &Module) {
     let reflection = Reflection::new(module);
     let stage = match module.entry_points[0].operands[0] {
         Operand::ExecutionModel(ExecutionModel::GLCompute) => "Compute",
@@ -258,8 +280,7 @@ fn write_table(rust: &mut String, name: &str, words: &[Word], module: &Module) {
         .collect();
     let _ = writeln!(
         rust,
-        "/// `shaders-glsl/{name}`.\npub static {}: Shader = Shader {{ name: {name:?}, stage: Stage::{stage}, spirv: &{words:?}, bindings: &[{bindings}], push_bytes: {}, local_size: {:?} }};",
-        constant_name(name),
+        "/// `shaders-glsl/{name}`.\npub static {constant}: Shader = Shader {{ name: {name:?}, stage: Stage::{stage}, spirv: &{words:?}, bindings: &[{bindings}], push_bytes: {}, local_size: {:?} }};",
         reflection.push_bytes(),
         reflection.local_size(),
     );

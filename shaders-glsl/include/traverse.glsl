@@ -188,6 +188,9 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
     return done;
 }
 
+#ifdef RAY_QUERY
+#include "ray_query.glsl"
+#else
 // Walks both levels. True when `ANY` or `SHADOW` ended early. A walk for a shadow leaves in `hit` what it met: something opaque where
 // it returned true, else the nearest surface that lets light through.
 bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
@@ -258,6 +261,7 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
     }
     return done;
 }
+#endif
 
 Hit trace_closest(Ray ray, uint roles) {
     Hit hit;

@@ -62,12 +62,25 @@ impl Rig {
     /// # Panics
     /// Where the renderer refuses.
     pub fn new(scene: &Arc<Scene>, projectors: &[(&str, Calibration)], settings: Settings) -> Self {
+        Self::on(device(), scene, projectors, settings)
+    }
+
+    /// As [`Rig::new`], on a device of one's own.
+    ///
+    /// # Panics
+    /// Where the renderer refuses.
+    pub fn on(
+        device: &Arc<Device>,
+        scene: &Arc<Scene>,
+        projectors: &[(&str, Calibration)],
+        settings: Settings,
+    ) -> Self {
         let spec = |(name, calibration): &(&str, Calibration)| ProjectorSpec {
             name: (*name).to_owned(),
             calibration: *calibration,
         };
         let specs = projectors.iter().map(spec).collect();
-        let renderer = Renderer::new(device(), specs, settings, scene.clone()).expect("a renderer");
+        let renderer = Renderer::new(device, specs, settings, scene.clone()).expect("a renderer");
         Self { renderer, frusta: projectors.iter().map(|(_, calibration)| Frustum::new(*calibration)).collect() }
     }
 

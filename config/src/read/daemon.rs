@@ -1,7 +1,7 @@
 //! `[daemon]`, `[device]`, `[render]` and `[limits]`.
 
 use crate::reader::{Table, Value};
-use crate::types::{Daemon, Device, Limits, RasterOrder, Render};
+use crate::types::{Daemon, Device, Limits, RasterOrder, RayTracing, Render};
 use std::path::{Path, PathBuf};
 
 fn path(value: &Value<'_>, base_dir: &Path) -> Option<PathBuf> {
@@ -29,7 +29,11 @@ pub(crate) fn daemon(table: Table<'_>, base_dir: &Path) -> Daemon {
 }
 
 pub(crate) fn device(table: Table<'_>) -> Device {
-    let device = Device { select: table.get("select").and_then(|value| value.string_or_index()) };
+    let ways = [("auto", RayTracing::Auto), ("bvh", RayTracing::Bvh), ("ray-query", RayTracing::RayQuery)];
+    let device = Device {
+        select: table.get("select").and_then(|value| value.string_or_index()),
+        ray_tracing: table.get("ray_tracing").and_then(|value| value.choice(&ways)).unwrap_or_default(),
+    };
     table.finish();
     device
 }

@@ -21,6 +21,7 @@ mod scene_buffers;
 mod settings;
 pub mod shaders;
 pub mod stale;
+mod structures;
 mod targets;
 
 pub mod blend;

@@ -61,7 +61,9 @@ impl Pipelines {
         let eye_at_projector = (EYE_AT_PROJECTOR, u32::from(settings.eye_at_projector));
         let textured = (TEXTURED, u32::from(features.textured));
         let transmissive = (TRANSMISSIVE, u32::from(features.transmissive));
-        let compute = |shader, constants: &[(u32, u32)]| ComputePipeline::new(device, shader, constants);
+        let compute = |shader, constants: &[(u32, u32)]| {
+            ComputePipeline::new(device, shaders::traced_by(shader, device.has_ray_queries()), constants)
+        };
         let graphics = |name, vertex, fragment, depth_test, constants: &[(u32, u32)]| {
             GraphicsPipeline::new(
                 device,

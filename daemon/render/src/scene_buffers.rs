@@ -8,6 +8,7 @@ use lantern_scene::Scene;
 use lantern_scene::pack::{GpuEnvironment, GpuGeometry, GpuLight, GpuMaterial, GpuTextures, GpuTop};
 
 use crate::catalogue::Catalogue;
+use crate::structures::Structures;
 
 /// A buffer that grows. Its name is what shaders call it.
 struct Slot {
@@ -61,6 +62,8 @@ pub(crate) struct SceneBuffers {
     device: Arc<Device>,
     resident: Resident,
     slots: [Slot; 12],
+    /// On a device with ray queries.
+    structures: Option<Structures>,
 }
 
 const BLAS_NODES: usize = 0;
@@ -87,6 +90,7 @@ impl SceneBuffers {
         Ok(Self {
             device: device.clone(),
             resident: Resident::default(),
+            structures: device.has_ray_queries().then(Structures::default),
             slots: [
                 slot("blas_nodes", uints)?,
                 slot("triangles", floats)?,
@@ -120,8 +124,11 @@ impl SceneBuffers {
 
     /// Uploads the sections that differ. True when a buffer was replaced.
     pub(crate) fn update(&mut self, recorder: &mut Recorder, scene: &Scene) -> Result<bool, GpuError> {
-        let Self { device, resident, slots } = self;
+        let Self { device, resident, slots, structures } = self;
         let mut rebound = false;
+        if let Some(structures) = structures {
+            rebound |= structures.update(recorder, scene)?;
+        }
         if replaced(&mut resident.geometry, &scene.geometry) {
             rebound |= slots[BLAS_NODES].write(device, recorder, &scene.geometry.nodes)?;
             rebound |= slots[TRIANGLES].write(device, recorder, &scene.geometry.triangles)?;
@@ -152,10 +159,12 @@ impl SceneBuffers {
     /// Forgets what is resident, so that the next update uploads everything: after an upload that failed half way.
     pub(crate) fn forget(&mut self) {
         self.resident = Resident::default();
+        self.structures = self.structures.take().map(|_| Structures::default());
     }
 
     /// Adds the scene's buffers.
     pub(crate) fn list(&self, catalogue: Catalogue) -> Catalogue {
-        self.slots.iter().fold(catalogue, |c, slot| c.with_buffer(slot.name, &slot.buffer))
+        let with_buffers = self.slots.iter().fold(catalogue, |c, slot| c.with_buffer(slot.name, &slot.buffer));
+        self.structures.iter().fold(with_buffers, |c, structures| structures.list(c))
     }
 }

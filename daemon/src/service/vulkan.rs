@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Context;
-use lantern_gpu::{Device, Instance, Validation};
+use lantern_gpu::{Device, Instance, RayTracing, Validation};
 
 use super::setup;
 
@@ -32,6 +32,13 @@ const MANY_QUEUES: usize = 16;
 pub fn open_device(instance: &Arc<Instance>, config: &lantern_config::Config) -> anyhow::Result<Arc<Device>> {
     let cache = setup::cache_dir();
     let select = config.device.select.as_deref();
-    Device::open(instance, select, config.projectors.len().max(MANY_QUEUES) as u32, cache.as_deref())
-        .context("cannot open a Vulkan device")
+    let queues = config.projectors.len().max(MANY_QUEUES) as u32;
+    let (ray_tracing, what) = match config.device.ray_tracing {
+        lantern_config::RayTracing::Auto => (RayTracing::Auto, "cannot open a Vulkan device"),
+        lantern_config::RayTracing::Bvh => (RayTracing::Bvh, "cannot open a Vulkan device"),
+        lantern_config::RayTracing::RayQuery => {
+            (RayTracing::RayQuery, "cannot open a Vulkan device for `device.ray_tracing = \"ray-query\"`")
+        }
+    };
+    Device::open_for(instance, select, queues, cache.as_deref(), ray_tracing).context(what)
 }
