@@ -148,14 +148,17 @@ struct Traced {
     }
 
     // The share of rays that met what we met: nothing, anything, or something at the same distance. Two triangles that share an edge
-    // may each be right, so their numbers are not compared.
+    // may each be right, so their numbers are not compared. Nor are rays that go on behind glass from where they met it: whether they meet
+    // it once more hangs on the last bit.
     double agreeing(const std::vector<Hit>& ours) const {
-        size_t same = 0;
+        size_t same = 0, compared = 0;
         for (size_t i = 0; i < rays.size(); ++i) {
+            if (rays[i].t_min > 0.0f) continue;
+            ++compared;
             const bool met = found[i].triangle != NOTHING, we_met = ours[i].triangle != NOTHING;
             same += met == we_met && (!met || any || std::fabs(found[i].t - ours[i].t) <= SAME * std::max(1.0f, ours[i].t));
         }
-        return rays.empty() ? 1.0 : double(same) / double(rays.size());
+        return compared == 0 ? 1.0 : double(same) / double(compared);
     }
 };
 
