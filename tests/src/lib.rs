@@ -5,5 +5,6 @@ pub mod gpu;
 pub mod harness;
 pub mod image;
 pub mod lab;
+pub mod models;
 pub mod oracle;
 pub mod stage;

@@ -12,7 +12,7 @@ use std::{
 
 use lantern_tests::{
     harness::{self, Daemon},
-    lab,
+    lab, models,
 };
 use serde_json::{Value, json};
 
@@ -43,14 +43,7 @@ fn triangle_bytes(corner: f32, index: u16) -> Vec<u8> {
 /// As binary glTF, the buffer inside.
 fn glb(mut gltf: Value, bytes: &[u8]) -> Vec<u8> {
     gltf["buffers"][0].as_object_mut().unwrap().remove("uri");
-    let mut text = gltf.to_string();
-    while !text.len().is_multiple_of(4) {
-        text.push(' ');
-    }
-    let total = (12 + 8 + text.len() + 8 + bytes.len()) as u32;
-    let chunk = |kind: &[u8], data: &[u8]| [&(data.len() as u32).to_le_bytes()[..], kind, data].concat();
-    [b"glTF", &2u32.to_le_bytes()[..], &total.to_le_bytes(), &chunk(b"JSON", text.as_bytes()), &chunk(b"BIN\0", bytes)]
-        .concat()
+    models::glb(&gltf, bytes)
 }
 
 /// Writes every bad model into a folder; gives each file's name, the code of its refusal, and words that its message has.

@@ -33,6 +33,15 @@ pub struct Editor {
     current: Arc<Scene>,
 }
 
+/// Whether edits may take long to apply, because files are read or structures built.
+pub fn may_take_long(edits: &[Edit]) -> bool {
+    edits.iter().any(|edit| match edit {
+        Edit::Add(_) | Edit::Vertices(_) => true,
+        Edit::Environment(environment) => environment.uri.is_some(),
+        Edit::Remove(_) | Edit::Set(_) | Edit::Material(_) | Edit::Light(_) => false,
+    })
+}
+
 /// Something of a configuration's scene that cannot be shown.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{at}: {message}")]
@@ -150,9 +159,10 @@ impl Editor {
         self.current()
     }
 
-    /// Takes a revision that a copy of this editor has made as the newest; what was loaded stays known.
-    pub fn go_on_from(&mut self, current: Arc<Scene>) {
-        self.current = current;
+    /// Takes over what another editor has loaded and built, for as long as that one's scene keeps it alive, so that edits find
+    /// it ready. The scene stays as it is.
+    pub fn learn_from(&mut self, other: &Self) {
+        self.library.learn_from(&other.library);
     }
 
     /// Replaces the limits, and the only folders from which clients may have files read; what is there stays.

@@ -41,7 +41,7 @@ mod totals;
 
 pub use compose::octahedral;
 pub use edit::EditError;
-pub use editor::{Editor, SceneProblem};
+pub use editor::{Editor, SceneProblem, may_take_long};
 pub use lantern_proto::{Edit, Role};
 pub use limits::Limits;
 pub use material::{Material, absorption_per_m};

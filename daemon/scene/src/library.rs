@@ -14,11 +14,14 @@ use crate::limits::Limits;
 use crate::pack::GpuEnvironment;
 use crate::studio::studio;
 
+/// By canonical path or builtin URI.
+type Known<T> = HashMap<String, (Option<Stamp>, Weak<T>)>;
+
 /// What was loaded, by canonical path or builtin URI. It keeps nothing alive: what no scene shows is loaded again.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Library {
-    assets: HashMap<String, (Option<Stamp>, Weak<Asset>)>,
-    environments: HashMap<String, (Option<Stamp>, Weak<GpuEnvironment>)>,
+    assets: Known<Asset>,
+    environments: Known<GpuEnvironment>,
     /// The canonical paths that the configuration or a stored state has named: `scene.get` tells them, so a client may
     /// give them back, wherever they lie.
     named: HashSet<String>,
@@ -36,6 +39,12 @@ impl Library {
     /// Takes paths back that [`Library::take_named`] gave.
     pub(crate) fn name_again(&mut self, named: HashSet<String>) {
         self.named = named;
+    }
+
+    /// Takes over what another one has loaded and something keeps alive.
+    pub(crate) fn learn_from(&mut self, other: &Self) {
+        learn(&mut self.assets, &other.assets);
+        learn(&mut self.environments, &other.environments);
     }
 
     /// Finds the file of a URI, and whose word it is taken for: a client that gives a named path speaks for who named it.
@@ -107,9 +116,14 @@ impl Library {
     }
 }
 
+fn learn<T>(known: &mut Known<T>, other: &Known<T>) {
+    let alive = other.iter().filter(|(_, (_, weak))| weak.strong_count() > 0);
+    known.extend(alive.map(|(key, entry)| (key.clone(), entry.clone())));
+}
+
 /// What is remembered under a key if it is still shown and its file has not changed, else what `load` gives.
 fn remember<T>(
-    known: &mut HashMap<String, (Option<Stamp>, Weak<T>)>,
+    known: &mut Known<T>,
     key: String,
     stamp: Option<Stamp>,
     load: impl FnOnce() -> Result<T, Fault>,

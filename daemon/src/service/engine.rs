@@ -13,9 +13,10 @@ use lantern_proto::{
     Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pattern, PatternRequest, Pose, Reloaded, SceneGet, Status,
 };
 use lantern_render::LayerImage;
-use lantern_scene::{EditError, Editor, Scene, SceneProblem};
+use lantern_scene::{EditError, Editor, Scene, SceneProblem, may_take_long};
 use lantern_tracking::Trackers;
 
+use super::background::Background;
 use super::frames::{Links, lock_editor};
 use super::setup;
 use super::shared::Request;
@@ -36,8 +37,10 @@ pub struct DaemonEngine {
     store: Option<Store>,
     config_path: PathBuf,
     config: Mutex<Config>,
-    /// Held while a revision is made, shown and kept, so that what is kept is never older than what was acknowledged.
+    /// Held while a revision is made, shown and kept, so that what is kept is never older than what was acknowledged. What takes
+    /// long is made ready before.
     applying: Mutex<()>,
+    background: Background,
 }
 
 impl DaemonEngine {
@@ -48,6 +51,7 @@ impl DaemonEngine {
         links: Links,
         trackers: Trackers,
         store: Option<Store>,
+        background: Background,
         config_path: PathBuf,
         config: Config,
     ) -> Self {
@@ -61,6 +65,7 @@ impl DaemonEngine {
             config_path,
             config: Mutex::new(config),
             applying: Mutex::new(()),
+            background,
         }
     }
 
@@ -104,22 +109,37 @@ impl DaemonEngine {
         Err(ErrorBody::new("unknown-projector", message).at("projector"))
     }
 
-    /// Makes a revision; gives the one before as well. Files are read on a copy of the editor, so that bodies go on moving
-    /// their nodes meanwhile.
-    fn edit(&self, edits: &[Edit]) -> Result<(Arc<Scene>, Arc<Scene>), ErrorBody> {
-        let refused = |e: EditError| ErrorBody::new(e.code, e.message).at(e.at);
+    /// Does what may take long of some edits on a copy of the editor, in the background: nobody else's edits wait for it, nor
+    /// do bodies that move their nodes. A refusal here is that of the scene as it was when the edits came.
+    fn prepare(&self, edits: &[Edit]) -> Result<Option<Editor>, ErrorBody> {
+        if !may_take_long(edits) {
+            return Ok(None);
+        }
         let mut copy = lock_editor(&self.links.editor).clone();
+        let edits = edits.to_vec();
+        let applied = self.background.run(move || copy.apply(&edits).map(|_| copy)).map_err(|_| stopping())?;
+        applied.map(Some).map_err(refused)
+    }
+
+    /// Makes a revision out of what was prepared; gives the one before as well.
+    fn edit(&self, edits: &[Edit], prepared: Option<Editor>) -> Result<(Arc<Scene>, Arc<Scene>), ErrorBody> {
+        let mut copy = lock_editor(&self.links.editor).clone();
+        if let Some(prepared) = &prepared {
+            copy.learn_from(prepared);
+        }
         let read_from = copy.current();
         let mut scene = copy.apply(edits).map_err(refused)?;
 
-        // Where a node was moved since, the edits go on top of that; what they load is there already, kept by `scene`.
+        // Where a body has moved its node since, the edits go on top of that; what they need is kept by `scene` now, so that the
+        // editor is held for a moment only.
         let mut editor = lock_editor(&self.links.editor);
         let before = editor.current();
-        if !Arc::ptr_eq(&before, &read_from) {
-            copy.go_on_from(before.clone());
-            scene = copy.apply(edits).map_err(refused)?;
+        if Arc::ptr_eq(&before, &read_from) {
+            *editor = copy;
+        } else {
+            editor.learn_from(&copy);
+            scene = editor.apply(edits).map_err(refused)?;
         }
-        *editor = copy;
         Ok((before, scene))
     }
 
@@ -140,6 +160,10 @@ impl DaemonEngine {
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     // What is under these locks is replaced whole, never changed half way.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn refused(error: EditError) -> ErrorBody {
+    ErrorBody::new(error.code, error.message).at(error.at)
 }
 
 fn stopping() -> ErrorBody {
@@ -220,8 +244,9 @@ impl Engine for DaemonEngine {
     }
 
     fn apply(&self, edits: &[Edit], durable: bool) -> Result<Applied, ErrorBody> {
+        let prepared = self.prepare(edits)?;
         let _turn = lock(&self.applying);
-        let (before, scene) = self.edit(edits)?;
+        let (before, scene) = self.edit(edits, prepared)?;
         let done = self.show(&scene).and_then(|frame| {
             let durable = durable && self.keep(&scene)?;
             Ok(Applied { revision: scene.revision, frame, durable })
@@ -285,7 +310,9 @@ impl Engine for DaemonEngine {
     fn reload(&self) -> Result<Reloaded, ErrorBody> {
         let _turn = lock(&self.applying);
         let refused = |message: String| ErrorBody::new("bad-config", message);
-        let loaded = setup::load(&self.config_path).map_err(|e| refused(e.to_string()))?;
+        let path = self.config_path.clone();
+        let loaded = self.background.run(move || setup::load(&path)).map_err(|_| stopping())?;
+        let loaded = loaded.map_err(|e| refused(e.to_string()))?;
         let old = self.config().clone();
         let config = loaded.config;
         if config.daemon.socket != old.daemon.socket
@@ -299,19 +326,34 @@ impl Engine for DaemonEngine {
             );
         }
 
-        // All is made ready on a copy, so that whatever fails leaves everything as it was. A scene section that did not change
-        // keeps what clients have made of it.
-        let mut editor = lock_editor(&self.links.editor);
-        let mut next = editor.clone();
-        let roots = config.daemon.asset_roots.clone();
+        // All is made ready on a copy, so that whatever fails leaves everything as it was, and bodies go on moving their nodes. A
+        // scene section that did not change keeps what clients have made of it.
         let same_scene = config.scene.fingerprint() == old.scene.fingerprint();
-        if same_scene {
-            next.set_access((&config.limits).into(), &roots);
+        let replaced = if same_scene {
+            None
         } else {
-            let replaced = next.reconfigure(&config.scene, &config.base_dir, (&config.limits).into(), roots);
+            let (mut next, of) = (lock_editor(&self.links.editor).clone(), config.clone());
+            let of_config = loaded.editor;
+            let replaced = self.background.run(move || {
+                next.learn_from(&of_config);
+                let (limits, roots) = ((&of.limits).into(), of.daemon.asset_roots.clone());
+                next.reconfigure(&of.scene, &of.base_dir, limits, roots).map(|_| next)
+            });
             let text = |all: Vec<SceneProblem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
-            replaced.map_err(|problems| refused(text(problems)))?;
-        }
+            Some(replaced.map_err(|_| stopping())?.map_err(|problems| refused(text(problems)))?)
+        };
+        let mut editor = lock_editor(&self.links.editor);
+        let next = match replaced {
+            Some(mut next) => {
+                next.continue_after(editor.current().revision + 1);
+                next
+            }
+            None => {
+                let mut next = editor.clone();
+                next.set_access((&config.limits).into(), &config.daemon.asset_roots);
+                next
+            }
+        };
         let scene = next.current();
         lock(&self.trackers).configure(&config.trackers).map_err(|e| refused(e.to_string()))?;
 

@@ -11,6 +11,7 @@ use lantern_tracking::{Bodies, Trackers};
 use tokio::runtime::Runtime;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
+use super::background::Background;
 use super::engine::DaemonEngine;
 use super::frames::{self, Links};
 use super::panics;
@@ -149,8 +150,10 @@ fn serve(
         .map_err(|e| anyhow!(e))
         .context("the first frame")?;
     let max_clients = loaded.config.limits.max_clients as usize;
-    let engine =
-        Arc::new(DaemonEngine::new(instance, device, links, trackers, store, options.config.clone(), loaded.config));
+    let background = Background::start().context("a thread to build structures on")?;
+    let path = options.config.clone();
+    let engine = DaemonEngine::new(instance, device, links, trackers, store, background, path, loaded.config);
+    let engine = Arc::new(engine);
     let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
     tracing::info!(socket = %server.path().display(), "ready");
 

@@ -4,12 +4,14 @@
 //! - [`setup`]: from the configuration to the parts;
 //! - [`frames`]: the frame thread, which alone talks to the device;
 //! - [`shared`]: what other threads ask of it;
+//! - [`background`]: the thread for what takes long;
 //! - [`engine`]: the control socket's operations;
 //! - [`stats`]: what `status` says about frames;
 //! - [`panics`]: the end of a process that has a fault;
 //! - [`state`]: the scene across restarts;
 //! - [`vulkan`]: the instance and the device.
 
+pub mod background;
 pub mod engine;
 pub mod frames;
 pub mod lifecycle;
