@@ -14,6 +14,8 @@ use crate::texture::Texture;
 pub(crate) struct Asset {
     /// Each with its bottom-level structure.
     pub(crate) meshes: Vec<Arc<Mesh>>,
+    /// Where the meshes' vertices come from; one a mesh.
+    pub(crate) vertices: Vec<Vertices>,
     /// The placed meshes, in the file's order.
     pub(crate) parts: Vec<Part>,
     /// What the meshes' material numbers index; texture numbers are this asset's.
@@ -24,6 +26,21 @@ pub(crate) struct Asset {
     pub(crate) lights: Vec<AssetLight>,
     /// What the file holds and Lantern ignores, in words.
     pub(crate) warnings: Vec<String>,
+}
+
+/// Where a mesh's vertices come from, for those who give them new places.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Vertices {
+    /// The mesh's place in the file.
+    pub(crate) mesh: u32,
+    /// Its name in the file.
+    pub(crate) name: Option<String>,
+    /// How many vertices the file has for its triangles: those of all its primitives, one after the other.
+    pub(crate) count: usize,
+    /// For each vertex of the mesh, the file's.
+    pub(crate) of_file: Vec<u32>,
+    /// For each vertex of the mesh, whether the file says its normal; else it is that of its triangle.
+    pub(crate) has_normal: Vec<bool>,
 }
 
 /// One placed mesh.
@@ -57,9 +74,17 @@ pub(crate) struct AssetLight {
 }
 
 impl Asset {
-    /// One mesh at the origin.
-    pub(crate) fn single(mesh: Mesh, materials: Vec<Material>) -> Self {
+    /// One mesh at the origin, as if it were the only one of a file.
+    pub(crate) fn single(name: &str, mesh: Mesh, materials: Vec<Material>) -> Self {
+        let count = mesh.positions.len();
         Self {
+            vertices: vec![Vertices {
+                mesh: 0,
+                name: Some(name.to_owned()),
+                count,
+                of_file: (0..count as u32).collect(),
+                has_normal: vec![true; count],
+            }],
             meshes: vec![Arc::new(mesh)],
             parts: vec![Part { mesh: 0, asset_from_object: DAffine3::IDENTITY, role: None }],
             materials,

@@ -5,6 +5,7 @@ use glam::{DVec2, DVec3};
 use crate::asset::Asset;
 use crate::material::Material;
 use crate::mesh::{Mesh, MeshData};
+use crate::structures::Structures;
 use crate::teapot;
 
 /// What starts the URI of a builtin.
@@ -24,7 +25,7 @@ const CHECKER_SQUARES: u32 = 10;
 /// `checker`: a floor of 10 × 10 squares of 1 m, facing +Y. `teapot`: Newell's, 0.3 m high, standing on y = 0, in car
 /// paint. All carry one white matte material of their own name, but the checker's `red` and `yellow` and the teapot's
 /// `paint`.
-pub(crate) fn shape(name: &str) -> Option<Asset> {
+pub(crate) fn shape(name: &str, structures: &Structures) -> Option<Asset> {
     let white = || vec![Material::matte(name, [1.0; 3])];
     let (data, materials) = match name {
         "sphere" => (sphere(), white()),
@@ -34,7 +35,7 @@ pub(crate) fn shape(name: &str) -> Option<Asset> {
         "teapot" => (teapot::tessellate(), vec![car_paint()]),
         _ => return None,
     };
-    Some(Asset::single(Mesh::new(data), materials))
+    Some(Asset::single(name, Mesh::with(data, structures), materials))
 }
 
 /// Red and yellow as in the picture of Whitted's 1980 paper.
@@ -157,7 +158,7 @@ mod tests {
     }
 
     fn mesh(name: &str) -> Mesh {
-        Mesh::clone(&shape(name).unwrap().meshes[0])
+        Mesh::clone(&shape(name, &Structures::default()).unwrap().meshes[0])
     }
 
     #[test]
@@ -203,7 +204,7 @@ mod tests {
     #[test]
     fn every_listed_shape_exists_with_sound_triangles() {
         for name in SHAPES {
-            let asset = shape(name).unwrap();
+            let asset = shape(name, &Structures::default()).unwrap();
             let mesh = &asset.meshes[0];
             let most = *mesh.used_materials.last().unwrap() as usize;
             assert!(most < asset.materials.len());
@@ -217,6 +218,6 @@ mod tests {
                 assert!((b - a).cross(c - a).dot(normal) > 0.0, "{name}: triangle {t} turns against its normals");
             }
         }
-        assert!(shape("torus").is_none());
+        assert!(shape("torus", &Structures::default()).is_none());
     }
 }

@@ -13,6 +13,9 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 /// balanced.
 const MAX_BINARY_DEPTH: usize = 96;
 
+/// So many boxes or fewer are worth the best tree even if it is to last for a single frame.
+const FEW: usize = 128;
+
 /// The deepest wide tree that comes out of [`Bvh::build`]. A walker puts at most one group a level on its stack, and two
 /// where it goes from the top level into a mesh: 2 × 22 + 2 places are enough.
 pub const MAX_DEPTH: usize = 22;
@@ -33,24 +36,29 @@ impl Bvh {
     /// The crate's quantisation rounds in f32, so every box is first padded by more than that rounding can lose; see
     /// `padding`.
     pub fn build(boxes: &[Aabb]) -> Self {
+        Self::build_with(boxes, PlocSearchDistance::Medium, true)
+    }
+
+    /// As [`Bvh::build`], for a top level, which is built anew with every move: where there are many boxes, without the
+    /// optimiser, which takes most of the time and gains least on a tree of a few levels.
+    pub fn build_top(boxes: &[Aabb]) -> Self {
+        if boxes.len() <= FEW { Self::build(boxes) } else { Self::build_with(boxes, PlocSearchDistance::Low, false) }
+    }
+
+    fn build_with(boxes: &[Aabb], distance: PlocSearchDistance, optimise: bool) -> Self {
         if boxes.is_empty() {
             return Self::default();
         }
-        let pad = padding(boxes);
-        let padded: Vec<Aabb> = boxes.iter().map(|b| Aabb::new(b.min - pad, b.max + pad)).collect();
-
+        let padded = padded(boxes);
         let indices = (0..padded.len() as u32).collect();
-        let mut binary = PlocBuilder::with_capacity(padded.len()).build(
-            PlocSearchDistance::Medium,
-            &padded,
-            indices,
-            SortPrecision::U64,
-            0,
-        );
+        let mut binary =
+            PlocBuilder::with_capacity(padded.len()).build(distance, &padded, indices, SortPrecision::U64, 0);
 
         // Nested or degenerate boxes can make a list of a tree; reinsertion and conversion both walk it by recursion.
         if depth_of_binary(&binary) <= MAX_BINARY_DEPTH {
-            ReinsertionOptimizer::default().run(&mut binary, 0.05, None);
+            if optimise {
+                ReinsertionOptimizer::default().run(&mut binary, 0.05, None);
+            }
             if depth_of_binary(&binary) <= MAX_BINARY_DEPTH {
                 let wide = Self::from_binary(&binary);
                 if wide.depth() <= MAX_DEPTH {
@@ -151,12 +159,18 @@ impl BoxRay {
 }
 
 /// The box of a child as the walker decodes it.
-fn child_box(node: &CwBvhNode, child: usize) -> (DVec3, DVec3) {
+pub(crate) fn child_box(node: &CwBvhNode, child: usize) -> (DVec3, DVec3) {
     let origin = node.p.as_dvec3();
     let step = DVec3::from_array(node.e.map(|e| f64::from(f32::from_bits(u32::from(e) << 23))));
     let min = [node.child_min_x[child], node.child_min_y[child], node.child_min_z[child]];
     let max = [node.child_max_x[child], node.child_max_y[child], node.child_max_z[child]];
     (origin + step * DVec3::from_array(min.map(f64::from)), origin + step * DVec3::from_array(max.map(f64::from)))
+}
+
+/// The boxes as a structure holds them.
+pub(crate) fn padded(boxes: &[Aabb]) -> Vec<Aabb> {
+    let pad = padding(boxes);
+    boxes.iter().map(|b| Aabb::new(b.min - pad, b.max + pad)).collect()
 }
 
 /// What every box grows by on each side.
@@ -227,35 +241,8 @@ mod tests {
         Aabb::new(Vec3A::from(centre) - half, Vec3A::from(centre) + half)
     }
 
-    /// Every box lies inside each node box on its way down, compared in f64, and is reached exactly once.
     fn verify_invariants(bvh: &Bvh, boxes: &[Aabb]) {
-        let mut seen = vec![0; boxes.len()];
-        let everything = (DVec3::NEG_INFINITY, DVec3::INFINITY);
-        let mut open = if bvh.nodes.is_empty() { vec![] } else { vec![(0usize, everything)] };
-        while let Some((index, (outer_min, outer_max))) = open.pop() {
-            let node = &bvh.nodes[index];
-            for child in 0..8 {
-                if node.is_child_empty(child) {
-                    continue;
-                }
-                let (min, max) = child_box(node, child);
-                let (min, max) = (min.max(outer_min), max.min(outer_max));
-                if node.is_leaf(child) {
-                    let (first, count) = node.child_primitives(child);
-                    for primitive in first..first + count {
-                        let number = bvh.order[primitive as usize] as usize;
-                        seen[number] += 1;
-                        let b = boxes[number];
-                        let inside = b.min.as_dvec3().cmpge(min).all() && b.max.as_dvec3().cmple(max).all();
-                        assert!(inside, "box {number} {b:?} leaves {min} … {max}");
-                    }
-                } else {
-                    open.push((node.child_node_index(child) as usize, (min, max)));
-                }
-            }
-        }
-        assert!(seen.iter().all(|&count| count == 1));
-        assert!(bvh.depth() <= MAX_DEPTH);
+        assert_eq!(crate::soundness::check(bvh, boxes), Ok(()));
     }
 
     #[test]

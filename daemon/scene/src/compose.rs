@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DVec3, Vec3, Vec3A};
+use glam::{DAffine3, DMat3, DVec3, Vec3, Vec3A};
 use lantern_proto::Role;
 use obvhs::aabb::Aabb;
 
@@ -15,7 +15,7 @@ use crate::pack::{
     GpuGeometry, GpuInstance, GpuMaterial, GpuTop, INSTANCE_OPAQUE, NO_TEXTURE, ROLE_MASK, ROLE_PROP, ROLE_RASTER,
     ROLE_VIRTUAL,
 };
-use crate::scene::{Instance, Node, Parts, PlacedAsset, Scene, world_bounds};
+use crate::scene::{Instance, Node, Parts, PlacedAsset, Scene, Shape, world_bounds};
 use crate::texture;
 use crate::top::Top;
 
@@ -41,15 +41,19 @@ impl ComposeError {
 /// revision before, changed; sections whose input did not change keep their `Arc`.
 pub(crate) fn compose(draft: &mut Scene) -> Result<(), ComposeError> {
     let assets = assets_in_use(&draft.nodes);
+    let shapes = || draft.nodes.iter().flat_map(|node| node.shapes.values());
 
-    // The geometry and textures depend on which assets are in use, and on nothing else.
+    // The geometry and textures depend on which assets are in use and which shapes nodes have of their own, and on nothing else.
+    let same_shapes = shapes().map(Arc::as_ptr).eq(draft.parts.shapes.iter().map(Arc::as_ptr));
     let same = assets.len() == draft.parts.assets.len()
         && assets.iter().zip(&draft.parts.assets).all(|(new, old)| Arc::ptr_eq(new, &old.asset));
-    if !same {
-        let (parts, meshes, geometry) = pack_geometry(&assets);
+    if !same || !same_shapes {
+        let (parts, meshes, geometry) = pack_geometry(&assets, shapes().cloned().collect());
         draft.parts = parts;
         draft.meshes = meshes;
         draft.geometry = Arc::new(geometry);
+    }
+    if !same {
         let textures = texture::pack(assets.iter().flat_map(|asset| &asset.textures));
         if textures.headers.len() + draft.textures.headers.len() > 0 {
             draft.textures = Arc::new(textures);
@@ -58,6 +62,23 @@ pub(crate) fn compose(draft: &mut Scene) -> Result<(), ComposeError> {
 
     compose_materials(draft);
     compose_instances(draft)?;
+    compose_placed(draft)
+}
+
+/// As [`compose`], where nothing but translations, rotations and scales of nodes has changed.
+pub(crate) fn compose_placement(draft: &mut Scene) -> Result<(), ComposeError> {
+    let mut instances = draft.instances.iter_mut();
+    for node in &draft.nodes {
+        let world_from_asset = node.world_from_asset();
+        for (part, instance) in node.asset.parts.iter().zip(&mut instances) {
+            instance.world_from_object = sound(node, world_from_asset * part.asset_from_object)?;
+        }
+    }
+    compose_placed(draft)
+}
+
+/// What follows from where the instances are.
+fn compose_placed(draft: &mut Scene) -> Result<(), ComposeError> {
     let boxes = world_boxes(draft)?;
     draft.origin_m = origin(draft.origin_m, &boxes);
     compose_top(draft, &boxes)?;
@@ -82,8 +103,8 @@ fn assets_in_use(nodes: &[Node]) -> Vec<Arc<Asset>> {
     assets
 }
 
-/// Concatenates the meshes of all assets.
-fn pack_geometry(assets: &[Arc<Asset>]) -> (Parts, Vec<Arc<Mesh>>, GpuGeometry) {
+/// Concatenates the meshes of all assets, and after them the shapes.
+fn pack_geometry(assets: &[Arc<Asset>], shapes: Vec<Arc<Shape>>) -> (Parts, Vec<Arc<Mesh>>, GpuGeometry) {
     let mut parts = Parts::default();
     let mut meshes: Vec<Arc<Mesh>> = vec![];
     let mut packed = GpuGeometry::default();
@@ -91,12 +112,15 @@ fn pack_geometry(assets: &[Arc<Asset>]) -> (Parts, Vec<Arc<Mesh>>, GpuGeometry) 
     for asset in assets {
         parts.assets.push(PlacedAsset { asset: asset.clone(), first_mesh: meshes.len(), first_texture });
         first_texture += asset.textures.len() as u32;
-        for mesh in &asset.meshes {
-            let nodes = packed.nodes.len() / 5;
-            parts.mesh_bases.push([nodes, packed.triangles.len() / 3, packed.vertices.len()].map(|n| n as u32));
-            pack_mesh(mesh, &mut packed);
-            meshes.push(mesh.clone());
-        }
+        meshes.extend_from_slice(&asset.meshes);
+    }
+    parts.first_shape = meshes.len();
+    meshes.extend(shapes.iter().map(|shape| shape.mesh.clone()));
+    parts.shapes = shapes;
+    for mesh in &meshes {
+        let nodes = packed.nodes.len() / 5;
+        parts.mesh_bases.push([nodes, packed.triangles.len() / 3, packed.vertices.len()].map(|n| n as u32));
+        pack_mesh(mesh, &mut packed);
     }
     (parts, meshes, packed)
 }
@@ -156,19 +180,17 @@ fn compose_materials(draft: &mut Scene) {
 
 fn compose_instances(draft: &mut Scene) -> Result<(), ComposeError> {
     let mut instances = vec![];
-    let mut material_base = 0;
+    let (mut material_base, mut first_shape) = (0, draft.parts.first_shape);
     for (index, node) in draft.nodes.iter().enumerate() {
         let placed = draft.parts.assets.iter().find(|placed| Arc::ptr_eq(&placed.asset, &node.asset));
         let first_mesh = placed.map_or(0, |placed| placed.first_mesh);
         let world_from_asset = node.world_from_asset();
         for part in &node.asset.parts {
-            let world_from_object = world_from_asset * part.asset_from_object;
-            if !is_sound(&world_from_object.matrix3) {
-                return Err(ComposeError::Transform { node: node.name.clone() });
-            }
+            let world_from_object = sound(node, world_from_asset * part.asset_from_object)?;
+            let shape = node.shapes.keys().position(|&mesh| mesh == part.mesh);
             instances.push(Instance {
                 node: index,
-                mesh: first_mesh + part.mesh,
+                mesh: shape.map_or(first_mesh + part.mesh, |number| first_shape + number),
                 role: part.role.filter(|_| !node.role_is_said).unwrap_or(node.role),
                 visible: node.visible,
                 world_from_object,
@@ -176,9 +198,18 @@ fn compose_instances(draft: &mut Scene) -> Result<(), ComposeError> {
             });
         }
         material_base += node.materials.len() as u32;
+        first_shape += node.shapes.len();
     }
     draft.instances = instances;
     Ok(())
+}
+
+/// A part's placement, if it can be computed with.
+fn sound(node: &Node, world_from_object: DAffine3) -> Result<DAffine3, ComposeError> {
+    if is_sound(&world_from_object.matrix3) {
+        return Ok(world_from_object);
+    }
+    Err(ComposeError::Transform { node: node.name.clone() })
 }
 
 /// Whether the f32 form of a matrix and of its inverse can be computed with: finite, and no axis lost against another.
@@ -242,7 +273,7 @@ fn compose_top(draft: &mut Scene, boxes: &[Option<(DVec3, DVec3)>]) -> Result<()
         return Ok(());
     }
     let (instances, boxes): (Vec<u32>, Vec<Aabb>) = traced.into_iter().unzip();
-    let bvh = Bvh::build(&boxes);
+    let bvh = Bvh::build_top(&boxes);
     let order = bvh.order.iter().map(|&number| instances[number as usize]).collect();
     draft.top = Arc::new(GpuTop { instances: gpu, nodes: bvh.packed().to_vec(), order });
     draft.top_walk = Arc::new(Top { bvh, boxes, instances });
@@ -283,7 +314,7 @@ fn gpu_instance(draft: &Scene, instance: &Instance) -> GpuInstance {
     }
 }
 
-fn rows(affine: &glam::DAffine3) -> [[f32; 4]; 3] {
+fn rows(affine: &DAffine3) -> [[f32; 4]; 3] {
     let (m, t) = (affine.matrix3, affine.translation);
     [0, 1, 2].map(|row| m.row(row).extend(t[row]).as_vec4().to_array())
 }

@@ -3,14 +3,13 @@
 use std::fmt;
 
 use glam::{DQuat, DVec3};
-use lantern_proto::Edit;
 
 /// An edit was refused, and with it every edit of its list.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{at}: {message}")]
 pub struct EditError {
-    /// One of `unknown-node`, `duplicate-node`, `unknown-material`, `unknown-light`, `bad-uri`, `outside-asset-roots`,
-    /// `bad-gltf`, `bad-transform`, `bad-value`, `too-large`, `not-built`.
+    /// One of `unknown-node`, `duplicate-node`, `unknown-mesh`, `unknown-material`, `unknown-light`, `bad-uri`,
+    /// `outside-asset-roots`, `bad-gltf`, `bad-transform`, `bad-value`, `too-large`.
     pub code: &'static str,
     /// Cause, and after `hint:` the remedy.
     pub message: String,
@@ -112,19 +111,6 @@ pub(crate) fn nearest<'a>(wanted: &str, known: impl Iterator<Item = &'a str>) ->
             let others: Vec<String> = others.iter().take(4).map(|name| format!("{name:?}")).collect();
             format!("the nearest is {first:?}; others: {}", others.join(", "))
         }
-    }
-}
-
-/// The operation's name on the wire.
-pub(crate) fn name_of(edit: &Edit) -> &'static str {
-    match edit {
-        Edit::Add(_) => "add",
-        Edit::Remove(_) => "remove",
-        Edit::Set(_) => "set",
-        Edit::Material(_) => "material",
-        Edit::Light(_) => "light",
-        Edit::Environment(_) => "environment",
-        Edit::Vertices(_) => "vertices",
     }
 }
 

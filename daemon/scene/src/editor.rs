@@ -1,5 +1,6 @@
 //! Turns edits into revisions, all or nothing.
 
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -9,9 +10,9 @@ use lantern_proto as proto;
 use lantern_proto::Edit;
 
 use crate::by_name::{apply_light, apply_material};
-use crate::compose::{ComposeError, compose};
+use crate::compose::{ComposeError, compose, compose_placement};
 use crate::edit::{
-    EditError, Fault, bad_value, checked_name, checked_rotation, checked_scale, checked_translation, name_of, nearest,
+    EditError, Fault, bad_value, checked_name, checked_rotation, checked_scale, checked_translation, nearest,
 };
 use crate::environment;
 use crate::file::Access;
@@ -20,8 +21,10 @@ use crate::light::LightState;
 use crate::limits::Limits;
 use crate::pack::{GpuGeometry, GpuTextures, GpuTop};
 use crate::scene::{EnvironmentSource, Node, Parts, Scene};
+use crate::structures::Structures;
 use crate::top::Top;
 use crate::totals::Totals;
+use crate::vertices::apply_vertices;
 
 /// Holds the newest revision and makes the next.
 #[derive(Clone, Debug)]
@@ -31,6 +34,8 @@ pub struct Editor {
     asset_roots: Vec<PathBuf>,
     library: Library,
     current: Arc<Scene>,
+    /// A scene in which something of what the next edits ask for may have been made already.
+    prepared: Option<Arc<Scene>>,
 }
 
 /// Whether edits may take long to apply, because files are read or structures built.
@@ -40,6 +45,17 @@ pub fn may_take_long(edits: &[Edit]) -> bool {
         Edit::Environment(environment) => environment.uri.is_some(),
         Edit::Remove(_) | Edit::Set(_) | Edit::Material(_) | Edit::Light(_) => false,
     })
+}
+
+/// Where a tracked body holds a node.
+#[derive(Clone, Copy, Debug)]
+pub struct Place<'a> {
+    /// Its name.
+    pub node: &'a str,
+    /// Metres.
+    pub translation_m: DVec3,
+    /// A unit quaternion.
+    pub rotation: DQuat,
 }
 
 /// Something of a configuration's scene that cannot be shown.
@@ -59,7 +75,15 @@ pub struct SceneProblem {
 impl Editor {
     /// An empty, black scene. Clients may have files read under the roots alone; one that does not exist is passed over.
     pub fn new(limits: Limits, asset_roots: Vec<PathBuf>) -> Self {
-        Self { limits, asset_roots: canonical(&asset_roots), library: Library::default(), current: Arc::new(empty()) }
+        let (library, current) = (Library::default(), Arc::new(empty()));
+        Self { limits, asset_roots: canonical(&asset_roots), library, current, prepared: None }
+    }
+
+    /// The same, with structures from where they may have been kept.
+    #[must_use]
+    pub fn with_structures(mut self, structures: Arc<Structures>) -> Self {
+        self.library.structures = structures;
+        self
     }
 
     /// The scene of a configuration. Its files may lie anywhere; relative paths are relative to `base_dir`.
@@ -96,9 +120,10 @@ impl Editor {
         let folders = [base_dir.to_owned()];
         let limits_before = std::mem::replace(&mut self.limits, limits);
         let named_before = self.library.take_named();
+        self.prepared = None;
         let (mut totals, mut problems) = (Totals::of(&draft), vec![]);
         for (at, edit) in black.into_iter().chain(crate::configured::edits(scene)) {
-            if let Err(fault) = self.take(&mut draft, &mut totals, &edit, Access::Anywhere(&folders)) {
+            if let Err(fault) = self.take(&mut draft, &mut totals, &edit, Access::Anywhere(&folders), None) {
                 problems.push(SceneProblem { code: fault.code, at, field: fault.field, message: fault.message });
             }
         }
@@ -118,6 +143,11 @@ impl Editor {
         self.limits = limits_before;
         self.library.name_again(named_before);
         Err(problems)
+    }
+
+    /// Where its structures come from.
+    pub fn structures(&self) -> &Arc<Structures> {
+        &self.library.structures
     }
 
     /// The newest revision.
@@ -163,6 +193,7 @@ impl Editor {
     /// it ready. The scene stays as it is.
     pub fn learn_from(&mut self, other: &Self) {
         self.library.learn_from(&other.library);
+        self.prepared = Some(other.current());
     }
 
     /// Replaces the limits, and the only folders from which clients may have files read; what is there stays.
@@ -175,17 +206,17 @@ impl Editor {
         if edits.is_empty() {
             return Ok(self.current());
         }
+        let prepared = self.prepared.take();
         let mut draft = Scene::clone(&self.current);
         let mut totals = Totals::of(&draft);
         for (index, edit) in edits.iter().enumerate() {
-            self.take(&mut draft, &mut totals, edit, access).map_err(|fault| fault.at(index))?;
+            self.take(&mut draft, &mut totals, edit, access, prepared.as_deref()).map_err(|fault| fault.at(index))?;
         }
         compose(&mut draft).map_err(|error| locate(error, edits))?;
         Ok(self.publish(draft))
     }
 
-    /// Moves a node to where a tracked body holds it: as a `set` of translation and rotation. Only the top level and
-    /// what follows the node are made anew; where it stands there already, the revision stays.
+    /// Moves a node as by a `set` of translation and rotation; where it stands there already, the revision stays.
     ///
     /// # Errors
     /// `unknown-node` or `bad-transform`.
@@ -203,6 +234,54 @@ impl Editor {
         self.apply(&[Edit::Set(set)])
     }
 
+    /// Moves nodes to where tracked bodies hold them, each as by a `set` of translation and rotation, all in one revision.
+    /// Only the top level and what follows the nodes are made anew; where all stand there already, the revision stays. A
+    /// node that is not there, or a place where it cannot stand, is passed over.
+    pub fn place_all(&mut self, places: &[Place<'_>]) -> Arc<Scene> {
+        let index_of: HashMap<&str, usize> = match places {
+            [_] => HashMap::new(),
+            _ => self.current.nodes.iter().enumerate().map(|(index, node)| (node.name.as_str(), index)).collect(),
+        };
+        let index_of = |name: &str| match places {
+            [_] => self.current.node(name).map(|(index, _)| index),
+            _ => index_of.get(name).copied(),
+        };
+        let mut moves = vec![];
+        for Place { node, translation_m, rotation } in places {
+            let to = checked_translation(translation_m.to_array())
+                .and_then(|to| Ok((to, checked_rotation(rotation.to_array())?)));
+            match (index_of(node), to) {
+                (Some(index), Ok(to))
+                    if to != (self.current.nodes[index].translation_m, self.current.nodes[index].rotation) =>
+                {
+                    moves.push((index, to));
+                }
+                (Some(_), Ok(_)) => {}
+                (None, _) => tracing::trace!(node, "there is no such node to move"),
+                (_, Err(fault)) => tracing::trace!(node, message = fault.message, "the node cannot stand there"),
+            }
+        }
+        while !moves.is_empty() {
+            let mut draft = Scene::clone(&self.current);
+            for &(index, (translation_m, rotation)) in &moves {
+                let node = &mut draft.nodes[index];
+                (node.translation_m, node.rotation) = (translation_m, rotation);
+            }
+            match compose_placement(&mut draft) {
+                Ok(()) => return self.publish(draft),
+                Err(ComposeError::Transform { node }) => {
+                    tracing::trace!(node, "the node cannot stand there");
+                    let moved = moves.len();
+                    moves.retain(|(index, _)| self.current.nodes[*index].name != node);
+                    if moves.len() == moved {
+                        break;
+                    }
+                }
+            }
+        }
+        self.current()
+    }
+
     fn publish(&mut self, mut draft: Scene) -> Arc<Scene> {
         draft.revision = self.current.revision + 1;
         self.current = Arc::new(draft);
@@ -210,7 +289,14 @@ impl Editor {
     }
 
     /// Brings one edit into the draft; derived sections are left to [`compose`].
-    fn take(&mut self, draft: &mut Scene, totals: &mut Totals, edit: &Edit, access: Access<'_>) -> Result<(), Fault> {
+    fn take(
+        &mut self,
+        draft: &mut Scene,
+        totals: &mut Totals,
+        edit: &Edit,
+        access: Access<'_>,
+        prepared: Option<&Scene>,
+    ) -> Result<(), Fault> {
         match edit {
             Edit::Add(add) => {
                 let node = self.node(draft, totals, add, access)?;
@@ -227,11 +313,7 @@ impl Editor {
             Edit::Material(material) => apply_material(draft, material),
             Edit::Light(light) => totals.change_lights(apply_light(draft, light)?, &self.limits),
             Edit::Environment(environment) => self.set_environment(draft, environment, access),
-            Edit::Vertices(_) => Err(Fault::new(
-                "not-built",
-                name_of(edit),
-                "the edit `vertices` is not built yet; hint: remove the node and add it again from a changed file",
-            )),
+            Edit::Vertices(vertices) => apply_vertices(draft, totals, vertices, &self.limits, prepared),
         }
     }
 
@@ -266,6 +348,7 @@ impl Editor {
             scale,
             materials: Arc::new(asset.materials.clone()),
             lights: vec![LightState::default(); asset.lights.len()],
+            shapes: BTreeMap::new(),
             asset,
         })
     }

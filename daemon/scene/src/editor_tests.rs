@@ -9,7 +9,7 @@ use serde_json::json;
 
 use crate::gltf::sample::Sample;
 use crate::pack::{NO_TEXTURE, ROLE_PROP};
-use crate::{Changes, Edit, Editor, Limits, Role, Scene, changes};
+use crate::{Changes, Edit, Editor, Limits, Place, Role, Scene, changes};
 
 /// An asset root with the sample as a.glb, and an editor that may read it.
 pub(crate) fn studio() -> (tempfile::TempDir, Editor) {
@@ -131,7 +131,14 @@ fn an_apply_whose_last_edit_is_wrong_changes_nothing() {
         (json!({"environment": {}}), "bad-value", "edits[1].environment"),
         (json!({"environment": {"uri": "lantern:sea"}}), "bad-uri", "edits[1].uri"),
         (json!({"environment": {"uri": "a.glb"}}), "bad-value", "edits[1].uri"),
-        (json!({"vertices": {"node": "ball", "mesh": 0, "positions_m": []}}), "not-built", "edits[1].vertices"),
+        (json!({"vertices": {"node": "bal", "mesh": 0, "positions_m": []}}), "unknown-node", "edits[1].node"),
+        (json!({"vertices": {"node": "ball", "mesh": 1, "positions_m": []}}), "unknown-mesh", "edits[1].mesh"),
+        (json!({"vertices": {"node": "ball", "mesh": "ball", "positions_m": []}}), "unknown-mesh", "edits[1].mesh"),
+        (
+            json!({"vertices": {"node": "ball", "mesh": 0, "positions_m": [[0, 0, 0]]}}),
+            "bad-value",
+            "edits[1].positions_m",
+        ),
     ] {
         let list = edits(json!([{"set": {"node": "ball", "translation_m": [1, 2, 3]}}, bad]));
         let error = editor.apply(&list).unwrap_err();
@@ -141,6 +148,10 @@ fn an_apply_whose_last_edit_is_wrong_changes_nothing() {
     }
     let unknown = editor.apply(&edits(json!([{"material": {"name": "spere"}}]))).unwrap_err();
     assert!(unknown.message.contains("\"sphere\""), "{unknown}");
+}
+
+fn place(editor: &mut Editor, node: &str, translation_m: DVec3, rotation: DQuat) -> Arc<Scene> {
+    editor.place_all(&[Place { node, translation_m, rotation }])
 }
 
 #[test]
@@ -154,7 +165,7 @@ fn moving_a_node_rebuilds_the_top_level_alone() {
         ])))
         .unwrap();
     let turned = DQuat::from_rotation_y(0.5);
-    let new = editor.place("ball", DVec3::new(3.0, 1.0, 0.0), turned).unwrap();
+    let new = place(&mut editor, "ball", DVec3::new(3.0, 1.0, 0.0), turned);
     verify_invariants(&new);
     assert_eq!(new.revision, old.revision + 1);
     assert!(Arc::ptr_eq(&old.geometry, &new.geometry) && Arc::ptr_eq(&old.textures, &new.textures));
@@ -165,11 +176,21 @@ fn moving_a_node_rebuilds_the_top_level_alone() {
     assert_eq!(new.node("ball").unwrap().1.rotation, turned);
 
     // To where it is already: nothing at all.
-    let same = editor.place("ball", DVec3::new(3.0, 1.0, 0.0), turned).unwrap();
+    let same = place(&mut editor, "ball", DVec3::new(3.0, 1.0, 0.0), turned);
     assert!(Arc::ptr_eq(&same, &new));
+    // Nobody's node, and places where nothing can stand, keep nobody else from moving.
+    let nowhere = [("bell", DVec3::ZERO), ("ball", DVec3::splat(f64::NAN)), ("model", DVec3::splat(1e300))];
+    for (node, at) in nowhere {
+        assert!(Arc::ptr_eq(&place(&mut editor, node, at, DQuat::IDENTITY), &new));
+    }
     assert_eq!(editor.place("bell", DVec3::ZERO, DQuat::IDENTITY).unwrap_err().code, "unknown-node");
+    let all = nowhere.map(|(node, translation_m)| Place { node, translation_m, rotation: turned });
+    let all = [all[0], Place { translation_m: DVec3::Y, ..all[1] }, all[2]];
+    let new = editor.place_all(&all);
+    verify_invariants(&new);
+    assert_eq!((new.nodes[1].translation_m, new.nodes[0].translation_m), (DVec3::Y, DVec3::ZERO));
     // The node with lights takes them along.
-    let moved = editor.place("model", DVec3::X, DQuat::IDENTITY).unwrap();
+    let moved = place(&mut editor, "model", DVec3::X, DQuat::IDENTITY);
     assert!(changes(&new, &moved).lights);
 }
 

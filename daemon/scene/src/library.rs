@@ -12,6 +12,7 @@ use crate::file::{self, Access, Stamp};
 use crate::gltf;
 use crate::limits::Limits;
 use crate::pack::GpuEnvironment;
+use crate::structures::Structures;
 use crate::studio::studio;
 
 /// By canonical path or builtin URI.
@@ -25,6 +26,7 @@ pub(crate) struct Library {
     /// The canonical paths that the configuration or a stored state has named: `scene.get` tells them, so a client may
     /// give them back, wherever they lie.
     named: HashSet<String>,
+    pub(crate) structures: Arc<Structures>,
 }
 
 /// Something loaded, and the URI that finds it again.
@@ -73,13 +75,14 @@ impl Library {
     pub(crate) fn asset(&mut self, uri: &str, access: Access<'_>, limits: &Limits) -> Result<Found<Asset>, Fault> {
         if let Some(name) = uri.strip_prefix(SCHEME) {
             return remember(&mut self.assets, uri.to_owned(), None, || {
-                shape(name).ok_or_else(|| unknown_builtin(uri, &SHAPES))
+                shape(name, &self.structures).ok_or_else(|| unknown_builtin(uri, &SHAPES))
             })
             .map(|asset| (asset, uri.to_owned()));
         }
         let (path, access) = self.locate(uri, access)?;
         let asset = remember(&mut self.assets, key(&path)?, Stamp::of(&path), || {
-            gltf::load(&path, access, limits).map_err(|error| Fault::new(error.code(), "uri", error.to_string()))
+            gltf::load(&path, access, limits, &self.structures)
+                .map_err(|error| Fault::new(error.code(), "uri", error.to_string()))
         })?;
         Ok((asset, kept_uri(uri, &path, access)?))
     }

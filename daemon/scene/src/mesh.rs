@@ -1,9 +1,10 @@
 //! One mesh and the bottom-level structure over its triangles.
 
-use glam::{DVec2, DVec3, Vec3, Vec3A};
+use glam::{DQuat, DVec2, DVec3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 
 use crate::bvh::Bvh;
+use crate::structures::Structures;
 
 /// The largest coordinate of a vertex, m: far beyond any room, and far inside what f32 squares and differences bear.
 pub const MAX_COORDINATE_M: f32 = 1e9;
@@ -74,12 +75,14 @@ impl Mesh {
     /// Builds the structure and brings the triangles into its order. Vertex numbers must be in range and positions
     /// finite; the loaders see to both. A mesh may be empty, and triangles may be degenerate: nothing hits those.
     pub fn new(data: MeshData) -> Self {
+        Self::with(data, &Structures::default())
+    }
+
+    /// As [`Mesh::new`], with the structure from where it may have been kept.
+    pub(crate) fn with(data: MeshData, structures: &Structures) -> Self {
         let MeshData { positions, mut normals, uvs, indices, materials } = data;
-        let boxes: Vec<Aabb> = indices
-            .iter()
-            .map(|triangle| Aabb::from_points(&triangle.map(|vertex| Vec3A::from(positions[vertex as usize]))))
-            .collect();
-        let mut bvh = Bvh::build(&boxes);
+        let boxes = boxes_of(&positions, &indices);
+        let mut bvh = structures.over(&boxes);
         let indices: Vec<[u32; 3]> = bvh.order.iter().map(|&triangle| indices[triangle as usize]).collect();
         let materials: Vec<u32> = bvh.order.iter().map(|&triangle| materials[triangle as usize]).collect();
         bvh.order = (0..indices.len() as u32).collect();
@@ -88,10 +91,35 @@ impl Mesh {
         used_materials.sort_unstable();
         used_materials.dedup();
 
-        let bounds_m =
-            boxes.iter().copied().reduce(|a, b| a.union(&b)).map(|total| (total.min.as_dvec3(), total.max.as_dvec3()));
+        let bounds_m = bounds_of(&boxes);
         repair_normals(&positions, &indices, &mut normals);
         Self { positions, normals, uvs, indices, materials, used_materials, bvh, bounds_m }
+    }
+
+    /// The same triangles with their vertices at new positions (as many, finite). The structure is refitted: as what it was
+    /// built for becomes something else it gets slow to walk, and where its cost has doubled it is built anew.
+    ///
+    /// A normal that the file says (`has_normal`) turns as the mean normal of the triangles around its vertex does, so that
+    /// smooth stays smooth and creases stay creases; another one is that of its triangles.
+    pub(crate) fn moved(&self, positions: Vec<[f32; 3]>, has_normal: &[bool]) -> Self {
+        let (before, after) = (mean_normals(&self.positions, &self.indices), mean_normals(&positions, &self.indices));
+        let turned = |vertex: usize, normal: &[f32; 3]| match (before[vertex], after[vertex]) {
+            (_, Some(after)) if !has_normal[vertex] => after.as_vec3().to_array(),
+            (Some(before), Some(after)) if before != after => {
+                let turn = DQuat::from_rotation_arc(before, after);
+                (turn * Vec3::from(*normal).as_dvec3()).normalize_or(after).as_vec3().to_array()
+            }
+            _ => *normal,
+        };
+        let normals = self.normals.iter().enumerate().map(|(vertex, normal)| turned(vertex, normal)).collect();
+
+        let boxes = boxes_of(&positions, &self.indices);
+        let bvh = self.bvh.refitted(&boxes);
+        if bvh.cost() > 2.0 * self.bvh.cost() {
+            let (uvs, indices, materials) = (self.uvs.clone(), self.indices.clone(), self.materials.clone());
+            return Self::new(MeshData { positions, normals, uvs, indices, materials });
+        }
+        Self { positions, normals, bvh, bounds_m: bounds_of(&boxes), ..self.clone() }
     }
 
     /// The corners of a triangle, object space, m.
@@ -100,21 +128,38 @@ impl Mesh {
     }
 }
 
+/// The box of every triangle.
+fn boxes_of(positions: &[[f32; 3]], indices: &[[u32; 3]]) -> Vec<Aabb> {
+    let corners = |triangle: &[u32; 3]| triangle.map(|vertex| Vec3A::from(positions[vertex as usize]));
+    indices.iter().map(|triangle| Aabb::from_points(&corners(triangle))).collect()
+}
+
+fn bounds_of(boxes: &[Aabb]) -> Option<(DVec3, DVec3)> {
+    let total = boxes.iter().copied().reduce(|a, b| a.union(&b));
+    total.map(|total| (total.min.as_dvec3(), total.max.as_dvec3()))
+}
+
+/// For each vertex the area-weighted mean normal of its triangles, unit length; `None` where they have none.
+fn mean_normals(positions: &[[f32; 3]], indices: &[[u32; 3]]) -> Vec<Option<DVec3>> {
+    let mut sums = vec![DVec3::ZERO; positions.len()];
+    for triangle in indices {
+        let [a, b, c] = triangle.map(|vertex| Vec3::from(positions[vertex as usize]).as_dvec3());
+        let normal = (b - a).cross(c - a);
+        for &vertex in triangle {
+            sums[vertex as usize] += normal;
+        }
+    }
+    sums.into_iter().map(DVec3::try_normalize).collect()
+}
+
 /// Brings normals to unit length; one that has no direction becomes the area-weighted mean of its triangles', or +Y.
 fn repair_normals(positions: &[[f32; 3]], indices: &[[u32; 3]], normals: &mut [[f32; 3]]) {
     let usable = |normal: &[f32; 3]| DVec3::from(normal.map(f64::from)).length() > 1e-12;
     let broken: Vec<bool> = normals.iter().map(|normal| !usable(normal)).collect();
     if broken.contains(&true) {
-        let mut sums = vec![DVec3::ZERO; normals.len()];
-        for triangle in indices {
-            let [a, b, c] = triangle.map(|vertex| Vec3::from(positions[vertex as usize]).as_dvec3());
-            let normal = (b - a).cross(c - a);
-            for &vertex in triangle {
-                sums[vertex as usize] += normal;
-            }
-        }
-        for ((normal, sum), _) in normals.iter_mut().zip(sums).zip(&broken).filter(|(_, broken)| **broken) {
-            *normal = sum.normalize_or(DVec3::Y).as_vec3().to_array();
+        let means = mean_normals(positions, indices);
+        for ((normal, mean), _) in normals.iter_mut().zip(means).zip(&broken).filter(|(_, broken)| **broken) {
+            *normal = mean.unwrap_or(DVec3::Y).as_vec3().to_array();
         }
     }
     for normal in normals {

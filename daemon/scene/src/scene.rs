@@ -1,5 +1,6 @@
 //! One immutable revision of the scene.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
@@ -51,6 +52,10 @@ pub struct Scene {
 pub(crate) struct Parts {
     /// Each asset in use once, in the order of first use, with the number of its first mesh and texture.
     pub(crate) assets: Vec<PlacedAsset>,
+    /// Every node's own shapes, in order: their meshes come after those of all assets.
+    pub(crate) shapes: Vec<Arc<Shape>>,
+    /// The number of the first of those.
+    pub(crate) first_shape: usize,
     /// For each mesh of the scene, its first node, triangle and vertex in the geometry.
     pub(crate) mesh_bases: Vec<[u32; 3]>,
 }
@@ -95,6 +100,16 @@ pub struct Node {
     pub(crate) materials: Arc<Vec<Material>>,
     /// What edits said of each of the asset's lights.
     pub(crate) lights: Vec<LightState>,
+    /// The asset's meshes that it has in a shape of its own, by their numbers.
+    pub(crate) shapes: BTreeMap<usize, Arc<Shape>>,
+}
+
+/// A mesh whose vertices an edit has moved.
+#[derive(Debug)]
+pub(crate) struct Shape {
+    /// As the edit gave them: one for each of the file's vertices.
+    pub(crate) positions_m: Vec<[f32; 3]>,
+    pub(crate) mesh: Arc<Mesh>,
 }
 
 impl Node {
@@ -225,6 +240,13 @@ impl Scene {
         edits.extend(hidden.map(|node| {
             Edit::Set(proto::Set { node: node.name.clone(), visible: Some(false), ..proto::Set::default() })
         }));
+        for node in &self.nodes {
+            edits.extend(node.shapes.iter().map(|(&mesh, shape)| {
+                let mesh = proto::MeshRef::Index(node.asset.vertices[mesh].mesh);
+                let positions_m = shape.positions_m.clone();
+                Edit::Vertices(proto::Vertices { node: node.name.clone(), mesh, positions_m })
+            }));
+        }
         for node in &self.nodes {
             for (of_file, now) in node.asset.materials.iter().zip(node.materials.iter()) {
                 let name = format!("{}/{}", node.name, now.name);

@@ -50,6 +50,14 @@ impl Totals {
         check("node", "placed meshes and lights", self.placed + 1, limits.max_nodes, "max_nodes")
     }
 
+    /// Whether so many triangles more fit in.
+    ///
+    /// # Errors
+    /// `too-large`, at `field`.
+    pub(crate) fn check_triangles(&self, field: &'static str, more: usize, limits: &Limits) -> Result<(), Fault> {
+        check(field, "triangles", self.triangles + more, limits.max_triangles, "max_triangles")
+    }
+
     /// Whether a node with this asset fits in.
     ///
     /// # Errors
@@ -57,7 +65,7 @@ impl Totals {
     pub(crate) fn check_asset(&self, asset: &Arc<Asset>, limits: &Limits) -> Result<(), Fault> {
         let is_new = !self.uses.contains_key(&Arc::as_ptr(asset));
         let (triangles, texels) = if is_new { (asset.triangle_count(), asset.texel_count()) } else { (0, 0) };
-        check("uri", "triangles", self.triangles + triangles, limits.max_triangles, "max_triangles")?;
+        self.check_triangles("uri", triangles, limits)?;
         check("uri", "texels", self.texels + texels, limits.max_texels, "max_texels")?;
         check("uri", "placed meshes and lights", self.placed + placed(asset), limits.max_nodes, "max_nodes")?;
         check("uri", "materials", self.materials + asset.materials.len(), limits.max_nodes, "max_nodes")?;
@@ -71,6 +79,7 @@ impl Totals {
             self.triangles += node.asset.triangle_count();
             self.texels += node.asset.texel_count();
         }
+        self.triangles += shaped(node);
         self.placed += placed(&node.asset);
         self.materials += node.materials.len();
         self.lights += shining(node);
@@ -87,6 +96,7 @@ impl Totals {
                 self.texels -= node.asset.texel_count();
             }
         }
+        self.triangles -= shaped(node);
         self.placed -= placed(&node.asset);
         self.materials -= node.materials.len();
         self.lights -= shining(node);
@@ -107,6 +117,11 @@ impl Totals {
 
 fn placed(asset: &Asset) -> usize {
     (asset.parts.len() + asset.lights.len()).max(1)
+}
+
+/// Triangles of the meshes that a node has for itself.
+fn shaped(node: &Node) -> usize {
+    node.shapes.values().map(|shape| shape.mesh.indices.len()).sum()
 }
 
 fn shining(node: &Node) -> usize {

@@ -5,9 +5,7 @@
 
 use super::engine::{Engine, Picture};
 use super::line::{Lines, Said, discard, write_all};
-use lantern_proto::{
-    Edit, ErrorBody, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, parse_line,
-};
+use lantern_proto::{ErrorBody, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, parse_line};
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::io;
@@ -107,13 +105,7 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
         Op::Hello => plain(&engine.hello()),
         Op::Status => plain(&engine.status()),
         Op::SceneGet => plain(&engine.scene_get()),
-        Op::SceneApply(apply) => {
-            if let Some(index) = apply.edits.iter().position(|edit| matches!(edit, Edit::Vertices(_))) {
-                let message = "the `vertices` edit is not built yet; hint: `remove` the node and `add` a new file";
-                return Err(ErrorBody::new("not-built", message).at(format!("edits[{index}].vertices")));
-            }
-            plain(&engine.apply(&apply.edits, apply.durable)?)
-        }
+        Op::SceneApply(apply) => plain(&engine.apply(&apply.edits, apply.durable)?),
         Op::Pose(pose) => {
             engine.pose(&pose)?;
             plain(&Map::new())

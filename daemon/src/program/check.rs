@@ -87,6 +87,7 @@ fn see(projector: &ProjectorSpec, scene: &Scene) -> Seen {
 
 fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
     let scene = loaded.editor.current();
+    let counts = loaded.editor.structures().counts();
     let of_projector = |seen: &Seen| {
         let d = &seen.description;
         let middle = d.middle.as_ref();
@@ -109,6 +110,7 @@ fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
         "problems": [],
         "file": path.display().to_string(),
         "scene": { "nodes": scene.nodes.len(), "triangles": scene.triangle_count(), "bytes": scene.device_bytes() },
+        "structures": { "built": counts.built, "cached": counts.cached },
         "warnings": warnings(loaded, projectors),
         "projectors": projectors.iter().map(of_projector).collect::<Vec<_>>(),
     })

@@ -9,7 +9,7 @@ use glam::DVec3;
 use lantern_config::Drives;
 use lantern_gpu::Device;
 use lantern_render::{FrameReport, Pattern, ProjectorSpec, RenderError, Renderer, Settings};
-use lantern_scene::{Editor, Scene};
+use lantern_scene::{Editor, Place, Scene};
 use lantern_tracking::Bodies;
 
 use super::shared::{Request, Shared, Turn};
@@ -189,13 +189,10 @@ impl FrameThread {
                 return None;
             }
         };
-        for (node, pose) in &placed {
-            // A node that a client has removed is nobody's to move.
-            if let Err(error) = editor.place(node, pose.driven_m(), pose.orientation) {
-                tracing::trace!(node, %error, "the body drives nothing");
-            }
-        }
-        let scene = editor.current();
+        let places: Vec<_> = (placed.iter())
+            .map(|(node, pose)| Place { node, translation_m: pose.driven_m(), rotation: pose.orientation })
+            .collect();
+        let scene = editor.place_all(&places);
         drop(editor);
         self.links.shared.publish_shown(&scene);
         Some(scene)

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use lantern_gpu::{Device, Instance};
-use lantern_scene::Editor;
+use lantern_scene::{Counts, Editor};
 use lantern_tracking::{Bodies, Trackers};
 use tokio::runtime::Runtime;
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -63,6 +63,8 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     if let Some(store) = &store {
         restore(store, &mut loaded);
     }
+    let Counts { built, cached } = loaded.editor.structures().counts();
+    tracing::info!("structures built={built} cached={cached}");
     let instance = open_vulkan()?;
     let device = open_device(&instance, &loaded.config)?;
     tracing::info!(device = device.info().name, driver = device.info().driver_info, "rendering");
@@ -100,7 +102,9 @@ fn restore(store: &Store, loaded: &mut Loaded) {
             return;
         }
     };
-    let mut editor = Editor::new((&loaded.config.limits).into(), loaded.config.daemon.asset_roots.clone());
+    let mut editor = Editor::new((&loaded.config.limits).into(), loaded.config.daemon.asset_roots.clone())
+        .with_structures(loaded.editor.structures().clone());
+    editor.learn_from(&loaded.editor);
     match editor.restore(&state.edits) {
         Ok(_) => {
             editor.continue_after(state.revision);

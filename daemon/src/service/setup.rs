@@ -6,7 +6,7 @@ use std::sync::Arc;
 use lantern_calibration::{Calibration, CalibrationError};
 use lantern_config::{Config, Output, Problem};
 use lantern_render::{ProjectorSpec, RasterOrder, Settings};
-use lantern_scene::{Editor, Scene};
+use lantern_scene::{Editor, Scene, Structures};
 
 use super::frames::Setup;
 
@@ -48,8 +48,9 @@ pub fn from_config(config: Config, file: &str) -> Result<Loaded, Problems> {
         }
     }
     let limits = (&config.limits).into();
-    let editor = Editor::from_config(&config.scene, &config.base_dir, limits, config.daemon.asset_roots.clone());
-    match editor {
+    let mut editor = Editor::new(limits, vec![]).with_structures(structures(&config));
+    let shown = editor.reconfigure(&config.scene, &config.base_dir, limits, config.daemon.asset_roots.clone());
+    match shown.map(|_| editor) {
         Ok(editor) if problems.is_empty() => Ok(Loaded { config, projectors, editor }),
         Ok(_) => Err(Problems(problems)),
         Err(of_scene) => {
@@ -97,6 +98,13 @@ pub fn setup(config: &Config, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>)
         Output::Headless { refresh_hz } => refresh_hz,
     };
     Setup { projectors, refresh_hz: config.projectors.iter().map(refresh).collect(), settings: settings(config), scene }
+}
+
+/// Structures that were built before: beside the pipelines, or with the state of a service that has no such place.
+fn structures(config: &Config) -> Arc<Structures> {
+    let with_the_state = || Some(config.daemon.state_dir.as_ref()?.join("cache"));
+    let folder = cache_dir().or_else(with_the_state);
+    Arc::new(folder.map_or_else(Structures::default, |folder| Structures::in_folder(folder.join("structures"))))
 }
 
 /// Where pipelines are cached: beside other caches of the user, or of the system for root.

@@ -7,6 +7,7 @@ use super::load;
 use super::sample::{Sample, png};
 use crate::file::Access;
 use crate::limits::Limits;
+use crate::structures::Structures;
 
 /// The error of a file, whose form is checked.
 fn refused(bytes: &[u8], limits: &Limits) -> (String, &'static str) {
@@ -14,7 +15,7 @@ fn refused(bytes: &[u8], limits: &Limits) -> (String, &'static str) {
     let path = folder.path().join("a.glb");
     std::fs::write(&path, bytes).unwrap();
     let roots = [folder.path().canonicalize().unwrap()];
-    let error = load(&path, Access::Roots(&roots), limits).unwrap_err();
+    let error = load(&path, Access::Roots(&roots), limits, &Structures::default()).unwrap_err();
     let message = error.to_string();
     let rest = message.strip_prefix(&format!("{}: ", path.display())).expect("the file comes first").to_owned();
     let (said, hint) = rest.split_once("; hint: ").expect("a hint comes last");
@@ -151,7 +152,7 @@ fn nodes_that_are_no_tree_are_refused_and_deep_ones_bear() {
     sample.json["scenes"] = json!([{"nodes": [0]}]);
     let folder = tempfile::tempdir().unwrap();
     let path = sample.write(&folder);
-    assert_eq!(load(&path, Access::Anywhere(&[]), &Limits::default()).unwrap().parts.len(), 1);
+    assert_eq!(load(&path, Access::Anywhere(&[]), &Limits::default(), &Structures::default()).unwrap().parts.len(), 1);
     let few = Limits { max_nodes: 1000, ..Limits::default() };
     let (message, code) = refused(&sample.glb(), &few);
     assert!(message.contains("nodes: 50001, above the limit of 1000"), "{message}");
@@ -254,7 +255,7 @@ proptest! {
         let path = folder.path().join("a.glb");
         std::fs::write(&path, &bytes).unwrap();
         let limits = Limits { max_triangles: 1000, max_texels: 1 << 16, ..Limits::default() };
-        if let Err(error) = load(&path, Access::Anywhere(&[]), &limits) {
+        if let Err(error) = load(&path, Access::Anywhere(&[]), &limits, &Structures::default()) {
             prop_assert!(error.to_string().contains("; hint: "));
         }
     }
@@ -274,7 +275,7 @@ proptest! {
             let folder = tempfile::tempdir().unwrap();
             let path = Sample { json, bin: sample.bin }.write(&folder);
             let limits = Limits { max_triangles: 1000, ..Limits::default() };
-            let _ = load(&path, Access::Anywhere(&[]), &limits);
+            let _ = load(&path, Access::Anywhere(&[]), &limits, &Structures::default());
         }
     }
 }

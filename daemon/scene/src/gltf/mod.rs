@@ -19,10 +19,11 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::asset::{Asset, Part};
+use crate::asset::{Asset, Part, Vertices};
 use crate::file::{self, Access};
 use crate::limits::Limits;
 use crate::mesh::{Mesh, MeshData};
+use crate::structures::Structures;
 
 use accessor::Reader;
 pub(crate) use error::GltfError;
@@ -36,11 +37,16 @@ use warnings::Warnings;
 ///
 /// # Errors
 /// Says the file, the object in it ("mesh 2 primitive 0", "accessor 3"), the cause and, after `hint:`, the remedy.
-pub(crate) fn load(path: &Path, access: Access<'_>, limits: &Limits) -> Result<Asset, GltfError> {
-    load_located(path, access, limits).map_err(|located| located.in_file(path))
+pub(crate) fn load(
+    path: &Path,
+    access: Access<'_>,
+    limits: &Limits,
+    structures: &Structures,
+) -> Result<Asset, GltfError> {
+    load_located(path, access, limits, structures).map_err(|located| located.in_file(path))
 }
 
-fn load_located(path: &Path, access: Access<'_>, limits: &Limits) -> Result<Asset, Located> {
+fn load_located(path: &Path, access: Access<'_>, limits: &Limits, structures: &Structures) -> Result<Asset, Located> {
     let bytes = file::read(path, limits.max_file_bytes).map_err(|error| here("file", Problem::Read(error)))?;
     let parts = container::split(&bytes)?;
     let root = container::parse(parts.json)?;
@@ -54,7 +60,7 @@ fn load_located(path: &Path, access: Access<'_>, limits: &Limits) -> Result<Asse
 
     // Meshes that no node shows are not built; one that several show is built once.
     let mut materials = Materials::new(&root);
-    let mut meshes: Vec<Arc<Mesh>> = vec![];
+    let (mut meshes, mut vertices): (Vec<Arc<Mesh>>, Vec<Vertices>) = (vec![], vec![]);
     let mut numbers: HashMap<usize, usize> = HashMap::new();
     let mut triangles = 0;
     let mut placed = vec![];
@@ -63,8 +69,9 @@ fn load_located(path: &Path, access: Access<'_>, limits: &Limits) -> Result<Asse
         let number = match numbers.get(&index) {
             Some(&number) => number,
             None => {
-                let data = mesh(&reader, index, &mut triangles, &mut materials, &mut warnings)?;
-                meshes.push(Arc::new(Mesh::new(data)));
+                let (data, of_file) = mesh(&reader, index, &mut triangles, &mut materials, &mut warnings)?;
+                vertices.push(of_file);
+                meshes.push(Arc::new(Mesh::with(data, structures)));
                 numbers.insert(index, meshes.len() - 1);
                 meshes.len() - 1
             }
@@ -79,7 +86,7 @@ fn load_located(path: &Path, access: Access<'_>, limits: &Limits) -> Result<Asse
     let mut images = Images::new(&reader, &mut sources, limits);
     let (materials, textures) = materials.load(&mut images, &mut warnings)?;
     let warnings = warnings.finish(path);
-    Ok(Asset { meshes, parts: placed, materials, textures, lights, warnings })
+    Ok(Asset { meshes, vertices, parts: placed, materials, textures, lights, warnings })
 }
 
 /// All primitives of a mesh as one.
@@ -89,22 +96,27 @@ fn mesh(
     triangles: &mut usize,
     materials: &mut Materials<'_>,
     warnings: &mut Warnings,
-) -> Result<MeshData, Located> {
-    let mut whole = MeshData::default();
+) -> Result<(MeshData, Vertices), Located> {
+    let (mut whole, mut vertices) = (MeshData::default(), Vertices { mesh: index as u32, ..Vertices::default() });
+    vertices.name.clone_from(&reader.root.meshes[index].name);
     for (number, json) in reader.root.meshes[index].primitives.iter().enumerate() {
         let object = format!("mesh {index} primitive {number}");
         let material = materials.number_of(json.material, &object)?;
-        let Some(data) = primitive::read(reader, json, material, &object, warnings)? else { continue };
-        *triangles += data.indices.len();
+        let Some(read) = primitive::read(reader, json, material, &object, warnings)? else { continue };
+        *triangles += read.data.indices.len();
         let limit = reader.limits.max_triangles;
         if *triangles > limit {
             let (count, limit) = (*triangles as u64, limit as u64);
             let (what, key) = ("triangles so far", "what limits.max_triangles leaves");
             return Err(here(object, Problem::TooMany { what, count, limit, key }));
         }
-        whole.append(data);
+        let before = vertices.count as u32;
+        vertices.count += read.count;
+        vertices.of_file.extend(read.of_file.iter().map(|vertex| vertex + before));
+        vertices.has_normal.resize(vertices.of_file.len(), read.has_normals);
+        whole.append(read.data);
     }
-    Ok(whole)
+    Ok((whole, vertices))
 }
 
 #[cfg(test)]

@@ -12,6 +12,17 @@ use super::error::{Located, Problem, bad, here};
 use super::warnings::Warnings;
 use crate::mesh::{MAX_COORDINATE_M, MeshData};
 
+/// The triangles of a primitive.
+pub(super) struct Triangles {
+    pub(super) data: MeshData,
+    /// The file's number of each vertex, within the primitive.
+    pub(super) of_file: Vec<u32>,
+    /// How many vertices the file has for it.
+    pub(super) count: usize,
+    /// Whether the file says its normals.
+    pub(super) has_normals: bool,
+}
+
 /// Reads a primitive; `None` where it has no triangles.
 pub(super) fn read(
     reader: &Reader<'_>,
@@ -19,7 +30,7 @@ pub(super) fn read(
     material: u32,
     object: &str,
     warnings: &mut Warnings,
-) -> Result<Option<MeshData>, Located> {
+) -> Result<Option<Triangles>, Located> {
     let Checked::Valid(mode) = json.mode else {
         return Err(bad(object, "has a mode that glTF does not know"));
     };
@@ -71,7 +82,8 @@ pub(super) fn read(
         return Err(here(object, Problem::Vertex { index, vertex, count }));
     }
     let triangles = triangles(mode, &numbers, object)?;
-    Ok(Some(gather(&positions, normals.as_deref(), &uvs, &triangles, material)))
+    let (data, of_file) = gather(&positions, normals.as_deref(), &uvs, &triangles, material);
+    Ok(Some(Triangles { data, of_file, count: positions.len(), has_normals: normals.is_some() }))
 }
 
 fn warn_of_ignored(json: &Primitive, warnings: &mut Warnings) {
@@ -166,14 +178,15 @@ fn triangles(mode: Mode, numbers: &[u32], object: &str) -> Result<Vec<[u32; 3]>,
 }
 
 /// Keeps the vertices that triangles use: primitives often share one long list. Without normals each triangle gets
-/// corners of its own, so that it shows flat, as glTF says.
+/// corners of its own, so that it shows flat, as glTF says. Gives the file's number of each kept vertex as well.
 fn gather(
     positions: &[[f32; 3]],
     normals: Option<&[[f32; 3]]>,
     uvs: &[[f32; 2]],
     triangles: &[[u32; 3]],
     material: u32,
-) -> MeshData {
+) -> (MeshData, Vec<u32>) {
+    let mut of_file = vec![];
     let mut data = MeshData { materials: vec![material; triangles.len()], ..MeshData::default() };
     let mut kept: HashMap<u32, u32> = HashMap::new();
     for triangle in triangles {
@@ -184,6 +197,7 @@ fn gather(
             let fresh = data.positions.len() as u32;
             let number = if normals.is_some() { *kept.entry(vertex).or_insert(fresh) } else { fresh };
             if number == fresh {
+                of_file.push(vertex);
                 data.positions.push(positions[vertex as usize]);
                 data.normals.push(normals.map_or(flat, |normals| normals[vertex as usize]));
                 data.uvs.push(uvs[vertex as usize]);
@@ -192,5 +206,5 @@ fn gather(
         });
         data.indices.push(indices);
     }
-    data
+    (data, of_file)
 }

@@ -11,11 +11,12 @@ use super::sample::{Sample, png};
 use crate::asset::Asset;
 use crate::file::Access;
 use crate::limits::Limits;
+use crate::structures::Structures;
 use crate::texture::Wrap;
 
 fn loaded(sample: &Sample) -> Asset {
     let folder = tempfile::tempdir().unwrap();
-    load(&sample.write(&folder), Access::Anywhere(&[]), &Limits::default()).unwrap()
+    load(&sample.write(&folder), Access::Anywhere(&[]), &Limits::default(), &Structures::default()).unwrap()
 }
 
 #[test]
@@ -114,13 +115,13 @@ fn gltf_with_files_and_data_uris_loads_like_its_glb() {
     json["images"][0] = json!({"uri": "t.png"});
     let path = folder.path().join("a.gltf");
     std::fs::write(&path, json.to_string()).unwrap();
-    let by_files = load(&path, Access::Anywhere(&[]), &Limits::default()).unwrap();
+    let by_files = load(&path, Access::Anywhere(&[]), &Limits::default(), &Structures::default()).unwrap();
 
     use base64::Engine;
     let encoded = base64::engine::general_purpose::STANDARD.encode(&sample.bin);
     json["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{encoded}"));
     std::fs::write(&path, json.to_string()).unwrap();
-    let by_data = load(&path, Access::Anywhere(&[]), &Limits::default()).unwrap();
+    let by_data = load(&path, Access::Anywhere(&[]), &Limits::default(), &Structures::default()).unwrap();
 
     let glb = loaded(&sample);
     for other in [by_files, by_data] {
@@ -179,7 +180,7 @@ fn real(name: &str) -> Option<Asset> {
         eprintln!("skipped: {} is not there", path.display());
         return None;
     }
-    Some(load(&path, Access::Anywhere(&[]), &Limits::default()).unwrap())
+    Some(load(&path, Access::Anywhere(&[]), &Limits::default(), &Structures::default()).unwrap())
 }
 
 #[test]
