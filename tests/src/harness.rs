@@ -119,6 +119,8 @@ impl Daemon {
         fs::write(&config_file, config).context("writing the configuration")?;
         let mut child = command("lanternd")?
             .args(["run".as_ref(), "-c".as_ref(), config_file.as_os_str(), "--socket".as_ref(), socket.as_os_str()])
+            // What another test's daemon has kept is not this one's.
+            .env("CACHE_DIRECTORY", folder.path().join("cache"))
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()

@@ -190,9 +190,10 @@ fn refusals_change_nothing_and_say_where() {
         (json!([{"set": {"node": "ball", "role": "ghost"}}]), "bad-request", "edits[0].role"),
         (
             json!([{"vertices": {"node": "ball", "mesh": 0, "positions_m": [[0, 0, 0]]}}]),
-            "not-built",
-            "edits[0].vertices",
+            "bad-value",
+            "edits[0].positions_m",
         ),
+        (json!([{"vertices": {"node": "ball", "mesh": "b", "positions_m": []}}]), "unknown-mesh", "edits[0].mesh"),
         (json!({}), "bad-request", "edits"),
     ] {
         let refused = client.ask("scene.apply", json!({"edits": edits})).unwrap().unwrap_err();

@@ -42,6 +42,8 @@ mod texture;
 mod top;
 mod totals;
 mod vertices;
+#[cfg(test)]
+mod vertices_tests;
 
 pub use compose::octahedral;
 pub use edit::EditError;
