@@ -46,8 +46,7 @@ pub struct DaemonEngine {
 impl DaemonEngine {
     /// Over everything that is running.
     pub fn new(
-        instance: Arc<Instance>,
-        device: Arc<Device>,
+        (instance, device): (Arc<Instance>, Arc<Device>),
         links: Links,
         trackers: Trackers,
         store: Option<Store>,

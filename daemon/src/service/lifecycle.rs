@@ -156,7 +156,7 @@ fn serve(
     let max_clients = loaded.config.limits.max_clients as usize;
     let background = Background::start().context("a thread to build structures on")?;
     let path = options.config.clone();
-    let engine = DaemonEngine::new(instance, device, links, trackers, store, background, path, loaded.config);
+    let engine = DaemonEngine::new((instance, device), links, trackers, store, background, path, loaded.config);
     let engine = Arc::new(engine);
     let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
     tracing::info!(socket = %server.path().display(), "ready");
