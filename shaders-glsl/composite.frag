@@ -7,10 +7,10 @@
 #include "include/scene.glsl"
 #include "include/primary_ray.glsl"
 #include "include/random.glsl"
+#include "include/look.glsl"
 
 layout(std430, binding = 16) readonly buffer Closest { uvec4 closest[]; };
 layout(std430, binding = 17) readonly buffer Light { vec4 light[]; };
-layout(std430, binding = 18) readonly buffer Look { vec4 look[]; };
 layout(std430, binding = 19) readonly buffer Weight { float inverse_weight[]; };
 
 layout(location = 0) out vec4 radiance_and_weight;
@@ -27,7 +27,7 @@ void main() {
         gl_FragDepth = 1.0;
         return;
     }
-    radiance_and_weight = vec4(max(light[index].rgb + look[index].rgb, vec3(0.0)), 1.0 / inverse_weight[index]);
+    radiance_and_weight = vec4(max(light[index].rgb + look[index].radiance, vec3(0.0)), 1.0 / inverse_weight[index]);
     node = float(instance_words(nearest.z).scene_node);
 
     // The ray of the sample that is closest, walked to its hit, and its depth there.

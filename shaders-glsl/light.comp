@@ -2,38 +2,19 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-#define MATERIALS_KNOWN
 #include "include/frame.glsl"
 #include "include/primary_hit.glsl"
 #include "include/light.glsl"
+#include "include/hits.glsl"
+#include "include/live.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
-
-layout(std430, binding = 15) readonly buffer Hits { uvec2 hits[]; };
 
 // Mean over the samples so far, linear.
 layout(std430, binding = 17) buffer Light { vec4 light[]; };
 
-// The pixels whose look depends on the eye, in this plane, for the pass that follows the eye: a list, so that it visits no other.
-layout(std430, binding = 28) buffer Live {
-    uvec3 live_groups; // of the indirect dispatch
-    uint live_count;
-    uint live[];
-};
-
-const uint LIVE_GROUP = 64u;
-// Workgroups in x, after which they go on in y: every device takes 65,535 in each.
-const uint LIVE_GROUPS_X = 32768u;
-
-void append(uint index) {
-    uint at = atomicAdd(live_count, 1u);
-    live[at] = index;
-    if (at % LIVE_GROUP == 0u) {
-        uint group = at / LIVE_GROUP;
-        atomicMax(live_groups.x, min(group + 1u, LIVE_GROUPS_X));
-        atomicMax(live_groups.y, group / LIVE_GROUPS_X + 1u);
-    }
-}
+// What the samples so far make of the pixel.
+layout(std430, binding = 30) buffer Class { uint classes[]; };
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
@@ -42,26 +23,28 @@ void main() {
     }
     uint index = pixel_index(pixel);
     record_for(index, push.sample_index);
-    uvec2 found = hits[index];
+    uvec2 found = hits[hit_index(index, push.sample_index)];
+    uint pixel_class = found.x & CLASS_INSTANCE;
     vec3 radiance = vec3(0.0);
     if (found.x != NO_INSTANCE) {
         Ray ray = sample_ray(pixel, push.sample_index);
         bool from_inside;
         Surface s = lit_surface(ray, found, from_inside);
         if ((s.flags & ROLE_MASK) == 0u) {
-            if (depends_on_eye(s) || frame.virtual_count > 0u) {
-                append(index);
-            }
+            pixel_class |= depends_on_eye(s) || frame.virtual_count > 0u ? CLASS_EYE : 0u;
             radiance = under_coat(s) * s.emissive;
             vec3 diffuse = diffuse_color(s);
             if (max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0) {
                 vec3 sum = irradiance_over_pi(s.normal);
+                vec3 origin = offset_origin(s.position, s.normal_geometric);
                 uint i = 0u;
                 while (true) {
                     if (i < frame.light_count) {
-                        vec3 to_light;
-                        vec3 lux = arriving(light_of(i), s, to_light);
-                        sum += lux * (max(dot(s.normal, to_light), 0.0) / PI);
+                        Ray to_light;
+                        vec3 lux = unshadowed(light_of(i), s, origin, to_light);
+                        if (max(lux.x, max(lux.y, lux.z)) > 0.0) {
+                            sum += lux * trace_shadow(to_light) * (max(dot(s.normal, to_light.direction), 0.0) / PI);
+                        }
                     }
                     if (++i >= frame.light_count) {
                         break;
@@ -73,5 +56,8 @@ void main() {
     }
     vec4 before = push.sample_index == 0u ? vec4(0.0) : light[index];
     light[index] = before + vec4(radiance, 1.0) / float(frame.samples);
+    uint before_class = push.sample_index == 0u ? pixel_class : classes[index];
+    bool mixed = ((pixel_class ^ before_class) & CLASS_INSTANCE) != 0u;
+    classes[index] = before_class | (pixel_class & CLASS_EYE) | (mixed ? CLASS_MIXED : 0u);
     publish_counts(0u, 0u);
 }

@@ -6,9 +6,10 @@
 #include "include/frame.glsl"
 #include "include/primary_hit.glsl"
 
-layout(local_size_x = 8, local_size_y = 8) in;
+#define HITS_ACCESS writeonly
+#include "include/hits.glsl"
 
-layout(std430, binding = 15) writeonly buffer Hits { uvec2 hits[]; };
+layout(local_size_x = 8, local_size_y = 8) in;
 
 // Of the samples so far, the closest: distance (f32 bits, +inf where all missed), sample, instance, triangle.
 layout(std430, binding = 16) buffer Closest { uvec4 closest[]; };
@@ -22,7 +23,7 @@ void main() {
     record_for(index, push.sample_index);
     Ray ray = sample_ray(pixel, push.sample_index);
     Hit hit = trace_closest(ray, PHYSICAL);
-    hits[index] = uvec2(hit.instance, hit.triangle);
+    hits[hit_index(index, push.sample_index)] = uvec2(hit.instance, hit.triangle);
 
     // The closest sample, never a mean: a mean lies on no surface (PAPER.md, Hybrid Rendering).
     bool found = hit.instance != NO_INSTANCE;

@@ -2,7 +2,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-#define MATERIALS_KNOWN
 #include "include/frame.glsl"
 #include "include/light.glsl"
 #include "include/weight.glsl"

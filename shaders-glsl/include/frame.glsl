@@ -37,6 +37,8 @@ layout(std140, binding = 12) uniform Frame {
     uint projector_count;     // rows of Projectors
     uint projector_index;     // this one's row
     uint blend;               // 0: every weight is 1
+    uint planes_a_group;      // sample planes that a buffer of hits holds
+    uint shade_once;          // 0: every sample of every pixel is shaded
     uint pattern;             // what is shown instead of the scene; one of the PATTERN_ constants
 } frame;
 

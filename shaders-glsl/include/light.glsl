@@ -29,16 +29,42 @@ vec3 light_at(GpuLight l, vec3 p, out vec3 to_light, out float distance_m) {
     return lux;
 }
 
-// What arrives from one light after shadows, lux at normal incidence; black from behind either normal.
-vec3 arriving(GpuLight l, Surface s, out vec3 to_light) {
+// What arrives from one light where nothing stands between, lux at normal incidence, and the ray that finds out; black from behind
+// either normal. `origin`: the surface's, offset to the lit side.
+vec3 unshadowed(GpuLight l, Surface s, vec3 origin, out Ray to_light) {
     float distance_m;
-    vec3 lux = light_at(l, s.position, to_light, distance_m);
-    if (dot(s.normal, to_light) <= 0.0 || dot(s.normal_geometric, to_light) <= 0.0 || max(lux.x, max(lux.y, lux.z)) <= 0.0) {
-        return vec3(0.0);
+    to_light.origin = origin;
+    to_light.t_min = 0.0;
+    vec3 lux = light_at(l, s.position, to_light.direction, distance_m);
+    to_light.t_max = l.kind == LIGHT_DIRECTIONAL ? 3.0e38 : length(l.position - origin);
+    bool faces = dot(s.normal, to_light.direction) > 0.0 && dot(s.normal_geometric, to_light.direction) > 0.0;
+    return faces ? lux : vec3(0.0);
+}
+
+// What is left of a light behind things that let it through, below which it counts as shadow.
+const float MIN_TRANSMITTANCE = 1.0 / 1024.0;
+
+// The share of light that arrives, by channel: 0 behind anything opaque, dimmed by each surface that lets light through, unbent.
+vec3 trace_shadow(Ray ray) {
+    ++shadow_rays_made;
+    vec3 transmittance = vec3(1.0);
+    while (true) {
+        Hit hit;
+        bool more = false;
+        bool blocked = traverse(ray, EVERYTHING, SHADOW, hit);
+        record_ray(RAY_SHADOW, ray, hit);
+        if (blocked) {
+            transmittance = vec3(0.0);
+        } else if (TRANSMISSIVE != 0u && hit.instance != NO_INSTANCE) {
+            transmittance *= shadow_crossing(surface_at(hit.instance, hit.triangle, hit.barycentric), ray.direction);
+            ray.t_min = hit.t;
+            more = max(transmittance.x, max(transmittance.y, transmittance.z)) > MIN_TRANSMITTANCE;
+        }
+        if (!more) {
+            break;
+        }
     }
-    vec3 origin = offset_origin(s.position, s.normal_geometric);
-    float t_max = l.kind == LIGHT_DIRECTIONAL ? 3.0e38 : length(l.position - origin);
-    return lux * trace_shadow(Ray(origin, to_light, 0.0, t_max));
+    return transmittance;
 }
 
 // GGX highlight of one light, times n·l: radiance per lux.

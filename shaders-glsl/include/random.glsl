@@ -32,6 +32,23 @@ vec2 sample_offset(uvec2 pixel, uint s) {
     return (stratum + unit_square(uvec3(pixel, s ^ sample_state[s]))) / float(frame.strata);
 }
 
+const uint NO_SAMPLE = 0xffffffffu;
+
+// A sample near its pixel's middle: in a grid of 2 × 2 the nearest, else the one of the stratum there.
+uint middle_sample(uvec2 pixel) {
+    uint low = (frame.strata - 1u) / 2u;
+    uint high = frame.strata == 2u ? 1u : low;
+    uint nearest = low * frame.strata + low;
+    float distance2 = 2.0;
+    for (uint i = 0u; i < 4u; ++i) {
+        uint s = ((i & 2u) == 0u ? low : high) * frame.strata + ((i & 1u) == 0u ? low : high);
+        vec2 off = sample_offset(pixel, s) - 0.5;
+        nearest = dot(off, off) < distance2 ? s : nearest;
+        distance2 = min(distance2, dot(off, off));
+    }
+    return nearest;
+}
+
 // Two numbers for the ray-th secondary ray of a sample.
 vec2 secondary_random(uvec2 pixel, uint s, uint ray) {
     return unit_square(uvec3(pixel, ((s << 16u) | (ray << 8u) | 1u) ^ sample_state[s]));

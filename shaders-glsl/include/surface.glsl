@@ -197,14 +197,12 @@ bool depends_on_eye(Surface s) {
     return s.clearcoat > 0.0 || s.transmission > 0.0 || (specular_scale(s) > 0.0 && (s.metallic > 0.0 || dielectric_f0(s) > 0.0));
 }
 
-#ifdef MATERIALS_KNOWN
-vec3 shadow_crossing(Hit hit, vec3 direction) {
-    Surface s = surface_at(hit.instance, hit.triangle, hit.barycentric);
+// How a crossing of a surface that lets light through dims a shadow ray; its normals as the winding has them.
+vec3 shadow_crossing(Surface s, vec3 direction) {
     float facing = dot(direction, s.normal_geometric);
     float eta = s.thickness > 0.0 && facing > 0.0 ? 1.0 / s.ior : s.ior;
     return s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - fresnel_dielectric(facing, eta)));
 }
-#endif
 
 // A point from which a secondary ray does not meet its own surface: Wächter and Binder, Ray Tracing Gems, chapter 6.
 vec3 offset_origin(vec3 p, vec3 n) {

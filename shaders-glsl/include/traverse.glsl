@@ -278,32 +278,4 @@ bool is_blocked(Ray ray, uint roles) {
     return blocked;
 }
 
-#ifdef MATERIALS_KNOWN
-// How a crossing of a surface that lets light through dims a shadow ray; defined in surface.glsl.
-vec3 shadow_crossing(Hit hit, vec3 direction);
-
-// The share of light that arrives, by channel: 0 behind anything opaque, dimmed by each surface that lets light through, unbent.
-vec3 trace_shadow(Ray ray) {
-    ++shadow_rays_made;
-    vec3 transmittance = vec3(1.0);
-    while (true) {
-        Hit hit;
-        bool more = false;
-        bool blocked = traverse(ray, EVERYTHING, SHADOW, hit);
-        record_ray(RAY_SHADOW, ray, hit);
-        if (blocked) {
-            transmittance = vec3(0.0);
-        } else if (TRANSMISSIVE != 0u && hit.instance != NO_INSTANCE) {
-            transmittance *= shadow_crossing(hit, ray.direction);
-            ray.t_min = hit.t;
-            more = max(transmittance.x, max(transmittance.y, transmittance.z)) > 1.0 / 1024.0;
-        }
-        if (!more) {
-            break;
-        }
-    }
-    return transmittance;
-}
-#endif
-
 #endif

@@ -45,6 +45,7 @@ pub const ONE_SAMPLE: Settings = Settings {
     blend: false,
     count_rays: false,
     record_rays: false,
+    shade_once: true,
     eye_at_projector: false,
 };
 

@@ -27,11 +27,11 @@ fn ball(size: f64, material: Value) -> Arc<Scene> {
     ]))
 }
 
-/// Frames of projectors that stand in one place and differ in their seeds, which are their names'.
+/// Frames, every sample shaded, of projectors that stand in one place and differ in their seeds, which are their names'.
 fn rig(scene: &Arc<Scene>, names: &[&str], samples: u32) -> Rig {
     let stand = Stand { fov_y_rad: 0.4, ..Stand::new(DVec3::new(-0.4, 1.6, 3.2), DVec3::new(0.0, 0.5, 0.0), SIZE_PX) };
     let projectors: Vec<_> = names.iter().map(|name| (*name, stand.calibration())).collect();
-    Rig::shown(scene, &projectors, Settings { samples, ..ONE_SAMPLE }, &[EYE_M])
+    Rig::shown(scene, &projectors, Settings { samples, shade_once: false, ..ONE_SAMPLE }, &[EYE_M])
 }
 
 /// The mean squared error against a picture of 256 samples, for 1, 4 and 16 of them, inside of a node.

@@ -211,6 +211,8 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
         projector_count,
         projector_index,
         blend,
+        planes_a_group,
+        shade_once,
         pattern,
         pad,
     });

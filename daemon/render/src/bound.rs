@@ -12,13 +12,23 @@ use crate::targets::Targets;
 pub(crate) struct Plane {
     pub(crate) primary: Arc<Bindings>,
     pub(crate) light: Arc<Bindings>,
-    pub(crate) secondary: Arc<Bindings>,
+}
+
+/// What the pass that follows the eye binds, over one group of sample planes.
+pub(crate) struct Group {
+    /// With the list of the pixels of which one sample is shaded.
+    pub(crate) once: Arc<Bindings>,
+    /// With the list of those of which every one is.
+    pub(crate) each: Arc<Bindings>,
 }
 
 /// Every pass of a projector with what it binds; made anew when a buffer of the scene is replaced.
 pub(crate) struct Bound {
     pub(crate) pipelines: Arc<Pipelines>,
     planes: Vec<Plane>,
+    pub(crate) groups: Vec<Group>,
+    pub(crate) lists: Arc<Bindings>,
+    pub(crate) refine: Arc<Bindings>,
     pub(crate) edges: Arc<Bindings>,
     /// One a projector, itself included.
     pub(crate) blend: Vec<Arc<Bindings>>,
@@ -35,17 +45,29 @@ impl Bound {
         edges: &[Arc<Buffer>],
     ) -> Result<Self, GpuError> {
         let all = targets.list(scene.clone());
-        let plane = |(hits, live): (&Arc<Buffer>, &Arc<Buffer>)| {
-            let all = all.clone().with_buffer("Hits", hits).with_buffer("Live", live);
+        let plane = |hits: &Arc<Buffer>| {
+            let all = all.clone().with_buffer("Hits", hits);
             Ok::<_, GpuError>(Plane {
                 primary: all.bind(&*pipelines.primary)?,
                 light: all.bind(&*pipelines.light)?,
-                secondary: all.bind(&*pipelines.secondary)?,
             })
         };
+        let group = |hits: &Arc<Buffer>| {
+            let over = |list: &Arc<Buffer>, pipeline: &Arc<ComputePipeline>| {
+                all.clone().with_buffer("Hits", hits).with_buffer("Live", list).bind(&**pipeline)
+            };
+            Ok::<_, GpuError>(Group {
+                once: over(&targets.once, &pipelines.secondary_once)?,
+                each: over(&targets.each, &pipelines.secondary_each)?,
+            })
+        };
+        let planes = (targets.hits.iter()).flat_map(|hits| (0..targets.planes_a_group).map(move |_| plane(hits)));
         let blend = |other: &Arc<Buffer>| all.clone().with_buffer("OtherEdge", other).bind(&*pipelines.blend);
         Ok(Self {
-            planes: targets.hits.iter().zip(&targets.live).map(plane).collect::<Result<_, _>>()?,
+            planes: planes.collect::<Result<_, _>>()?,
+            groups: targets.hits.iter().map(group).collect::<Result<_, _>>()?,
+            lists: all.bind(&*pipelines.lists)?,
+            refine: all.bind(&*pipelines.refine)?,
             edges: all.bind(&*pipelines.edges)?,
             blend: edges.iter().map(blend).collect::<Result<_, _>>()?,
             composite: all.bind(&*pipelines.composite_first)?,

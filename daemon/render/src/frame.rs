@@ -42,10 +42,14 @@ pub struct GpuFrame {
     pub projector_index: u32,
     /// 0: every weight is 1.
     pub blend: u32,
+    /// Sample planes that a buffer of hits holds.
+    pub planes_a_group: u32,
+    /// 0: every sample of every pixel is shaded.
+    pub shade_once: u32,
     /// What is shown instead of the scene: a [`Pattern`](crate::Pattern).
     pub pattern: u32,
     /// Zero; the block's size is a multiple of 16 bytes.
-    pub pad: [u32; 3],
+    pub pad: u32,
 }
 
 impl GpuFrame {
@@ -78,8 +82,10 @@ impl GpuFrame {
             projector_count: projector.1 as u32,
             projector_index: projector.0 as u32,
             blend: u32::from(settings.blend),
+            planes_a_group: 1,
+            shade_once: u32::from(settings.shades_once()),
             pattern: 0,
-            pad: [0; 3],
+            pad: 0,
         }
     }
 }

@@ -20,6 +20,9 @@ const TEXTURED: u32 = 2;
 /// Specialisation constant of every shader that traces shadows: any material that lets light through.
 const TRANSMISSIVE: u32 = 3;
 
+/// Specialisation constant of `secondary.comp`: one sample of a pixel is shaded for all.
+const ONE_FOR_ALL: u32 = 4;
+
 /// What of a scene the pipelines are made for. Branches are no way around work on a driver that runs both sides under a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Features {
@@ -42,7 +45,12 @@ pub(crate) const ATTACHMENTS: &[ImageFormat] = &[ImageFormat::Rgba32Float, Image
 pub(crate) struct Pipelines {
     pub(crate) primary: Arc<ComputePipeline>,
     pub(crate) light: Arc<ComputePipeline>,
-    pub(crate) secondary: Arc<ComputePipeline>,
+    pub(crate) lists: Arc<ComputePipeline>,
+    /// One sample for all of a pixel's.
+    pub(crate) secondary_once: Arc<ComputePipeline>,
+    pub(crate) refine: Arc<ComputePipeline>,
+    /// Every sample of a pixel.
+    pub(crate) secondary_each: Arc<ComputePipeline>,
     pub(crate) edges: Arc<ComputePipeline>,
     pub(crate) blend: Arc<ComputePipeline>,
     pub(crate) resolve: Arc<ComputePipeline>,
@@ -64,6 +72,10 @@ impl Pipelines {
         let compute = |shader, constants: &[(u32, u32)]| {
             ComputePipeline::new(device, shaders::traced_by(shader, device.has_ray_queries()), constants)
         };
+        let secondary = |one_for_all| {
+            let own = [eye_at_projector, count, record, textured, transmissive, (ONE_FOR_ALL, one_for_all)];
+            compute(&shaders::SECONDARY_COMP, &own)
+        };
         let graphics = |name, vertex, fragment, depth_test, constants: &[(u32, u32)]| {
             GraphicsPipeline::new(
                 device,
@@ -82,7 +94,10 @@ impl Pipelines {
         Ok(Self {
             primary: compute(&shaders::PRIMARY_COMP, &[count, record])?,
             light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive])?,
-            secondary: compute(&shaders::SECONDARY_COMP, &[eye_at_projector, count, record, textured, transmissive])?,
+            lists: compute(&shaders::LISTS_COMP, &[])?,
+            secondary_once: secondary(1)?,
+            refine: compute(&shaders::REFINE_COMP, &[])?,
+            secondary_each: secondary(0)?,
             edges: compute(&shaders::EDGES_COMP, &[])?,
             blend: compute(&shaders::BLEND_COMP, &[count, record, textured])?,
             resolve: compute(&shaders::RESOLVE_COMP, &[])?,

@@ -118,12 +118,13 @@ impl Projector {
         }
         if stale.light {
             light::record(&mut recorder, bound, targets)?;
+            secondary::record_lists(&mut recorder, bound, targets)?;
         }
         if stale.weight {
             blend::record(&mut recorder, bound, targets, index, settings.blend)?;
         }
         if stale.look {
-            secondary::record(&mut recorder, bound, targets)?;
+            secondary::record(&mut recorder, bound, targets, settings)?;
         }
         recorder.span("composite", |recorder| self.record_composite(recorder, bound, settings))?;
         recorder.finish().map(Some)
@@ -156,7 +157,7 @@ impl Projector {
         }
         let frustum = GpuFrustum::new(&self.frustum, scene.origin_m);
         let pattern = self.pattern as u32;
-        let frame = GpuFrame { pattern, ..GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index) };
+        let frame = GpuFrame { pattern, planes_a_group: self.targets.planes_a_group, ..GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index) };
         self.targets.frame.write(0, bytemuck::bytes_of(&frame))
     }
 

@@ -34,6 +34,8 @@ pub struct Settings {
     pub raster: RasterOrder,
     /// Whether projectors share the light of what several of them reach.
     pub blend: bool,
+    /// Whether one sample may stand for all of a pixel whose samples land on the same thing, until a neighbour differs too much.
+    pub shade_once: bool,
     /// Count rays by kind.
     pub count_rays: bool,
     /// Write rays down, as [`Renderer::record`](crate::Renderer::record) asks; takes up to 128 MiB a projector.
@@ -49,10 +51,18 @@ impl Default for Settings {
             max_depth: 8,
             raster: RasterOrder::After,
             blend: true,
+            shade_once: true,
             count_rays: false,
             record_rays: false,
             eye_at_projector: false,
         }
+    }
+}
+
+impl Settings {
+    /// Whether any pixel may be shaded once: not where it has one sample anyway.
+    pub(crate) fn shades_once(&self) -> bool {
+        self.shade_once && self.samples > 1
     }
 }
 

@@ -9,7 +9,7 @@ use crate::frame::GpuFrame;
 use crate::record;
 use crate::settings::Settings;
 
-/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 12 for each sample plane, and 108.
+/// What a projector's passes write, a row of the image after the other. Bytes a pixel: 8 for each sample plane, and 120.
 pub(crate) struct Targets {
     /// Columns and rows.
     pub(crate) size_px: [u32; 2],
@@ -17,10 +17,18 @@ pub(crate) struct Targets {
     pub(crate) frame: Arc<Buffer>,
     /// One word a stratum, from which jitter is generated.
     pub(crate) sample_state: Arc<Buffer>,
-    /// One plane a sample: instance and triangle, 8 bytes a pixel.
+    /// A buffer a group of sample planes: instance and triangle, 8 bytes a sample.
     pub(crate) hits: Vec<Arc<Buffer>>,
-    /// One list a sample: the pixels of the plane whose look depends on the eye; 16 bytes and 4 a pixel.
-    pub(crate) live: Vec<Arc<Buffer>>,
+    /// Sample planes a group.
+    pub(crate) planes_a_group: u32,
+    /// What a pixel's samples make of it, as `include/live.glsl` has it.
+    pub(crate) classes: Arc<Buffer>,
+    /// Lists of the pixels whose look depends on the eye: where one sample stands for all, and where each is looked at; 16 bytes
+    /// and 4 a pixel.
+    pub(crate) once: Arc<Buffer>,
+    pub(crate) each: Arc<Buffer>,
+    /// The head of `each` before a frame adds to it.
+    pub(crate) each_head: Arc<Buffer>,
     /// Distance, sample, instance and triangle of the closest sample.
     pub(crate) closest: Arc<Buffer>,
     /// Eye-independent light.
@@ -46,7 +54,7 @@ pub(crate) struct Targets {
 }
 
 /// Bytes of `Live` before its list: workgroups of the indirect dispatch, and how long the list is.
-const LIVE_HEAD: u64 = 16;
+pub(crate) const LIVE_HEAD: u64 = 16;
 
 /// What an empty list begins with.
 pub(crate) const LIVE_EMPTY: [u32; 4] = [0, 1, 1, 0];
@@ -68,15 +76,20 @@ impl Targets {
         let image = |what: &str, format, usage| {
             Image::new(device, &format!("{name}/{what}"), size_px[0], size_px[1], format, usage)
         };
+        let planes_a_group = planes_a_group(samples, pixels * 8, device.info().max_storage_buffer_bytes);
         let color_usage = ImageUsage::COLOR | ImageUsage::SAMPLED;
         Ok(Self {
             size_px,
             frame: Buffer::new(device, &format!("{name}/frame"), BufferKind::Uniform, size_of::<GpuFrame>() as u64)?,
             sample_state: storage("sample state", u64::from(samples) * 4)?,
-            hits: (0..samples).map(|s| storage(&format!("hits {s}"), pixels * 8)).collect::<Result<_, _>>()?,
-            live: (0..samples)
-                .map(|s| storage(&format!("live {s}"), LIVE_HEAD + pixels * 4))
+            hits: (0..samples / planes_a_group)
+                .map(|g| storage(&format!("hits {g}"), pixels * 8 * u64::from(planes_a_group)))
                 .collect::<Result<_, _>>()?,
+            planes_a_group,
+            classes: storage("classes", pixels * 4)?,
+            once: storage("once", LIVE_HEAD + pixels * 4)?,
+            each: storage("each", LIVE_HEAD + pixels * 4)?,
+            each_head: storage("each, head", LIVE_HEAD)?,
             closest: storage("closest", pixels * 16)?,
             light: storage("light", pixels * 16)?,
             look: storage("look", pixels * 16)?,
@@ -98,6 +111,9 @@ impl Targets {
         catalogue
             .with_buffer("Frame", &self.frame)
             .with_buffer("SampleState", &self.sample_state)
+            .with_buffer("Class", &self.classes)
+            .with_buffer("Once", &self.once)
+            .with_buffer("Each", &self.each)
             .with_buffer("Closest", &self.closest)
             .with_buffer("Light", &self.light)
             .with_buffer("Look", &self.look)
@@ -120,6 +136,10 @@ impl Targets {
         let single = [
             &self.frame,
             &self.sample_state,
+            &self.classes,
+            &self.once,
+            &self.each,
+            &self.each_head,
             &self.closest,
             &self.light,
             &self.look,
@@ -131,13 +151,39 @@ impl Targets {
             &self.counters,
             &self.records,
         ];
-        let buffers = single.into_iter().chain(&self.hits).chain(&self.live).map(|b| b.bytes());
+        let buffers = single.into_iter().chain(&self.hits).map(|b| b.bytes());
         let images = [&self.radiance_image, &self.node_image, &self.depth_image].into_iter().map(|i| i.bytes());
         buffers.chain(images).sum()
+    }
+
+    /// The group in which `middle_sample` of `include/random.glsl` lies.
+    pub(crate) fn middle_group(&self, samples: u32) -> usize {
+        let strata = samples.isqrt();
+        let low = (strata - 1) / 2;
+        ((low * strata + low) / self.planes_a_group) as usize
     }
 
     /// Workgroups of 8 × 8 that cover the image.
     pub(crate) fn groups(&self) -> [u32; 3] {
         [self.size_px[0].div_ceil(8), self.size_px[1].div_ceil(8), 1]
+    }
+}
+
+/// Planes that lie side by side: a few, so that no invocation looks at too many samples, as many in each group, and no buffer beyond
+/// the device's limit.
+fn planes_a_group(samples: u32, plane_bytes: u64, limit_bytes: u64) -> u32 {
+    let fits = |planes: &u32| samples.is_multiple_of(*planes) && plane_bytes * u64::from(*planes) <= limit_bytes;
+    (2..=5).rev().find(fits).unwrap_or(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::planes_a_group;
+
+    #[test]
+    fn groups_are_even_and_within_the_limit() {
+        let at_most = |samples, limit| planes_a_group(samples, 8 << 20, limit);
+        assert_eq!([1, 4, 9, 16, 25, 36, 49, 256].map(|s| at_most(s, 128 << 20)), [1, 4, 3, 4, 5, 4, 1, 4]);
+        assert_eq!([4, 9, 16].map(|s| at_most(s, 20 << 20)), [2, 1, 2]);
     }
 }
