@@ -1,7 +1,7 @@
 //! Light that does not depend on the eye: emission, and diffuse light from lights, with hard shadows, and environment.
 //!
-//! Reads `Hits`; writes `Light`, the mean over the samples, and `Class`,
-//! whether the look of the pixel also depends on the eye. DESIGN section 2, The look of a point.
+//! Reads `Hits`; writes `Light`, the mean over the samples, and `Class`, whether the look of the pixel also depends on the eye.
+//! DESIGN section 2, The look of a point.
 
 use lantern_gpu::{GpuError, Recorder};
 
