@@ -79,7 +79,10 @@ fn a_mirror_shaded_once_stays_within_the_bound() {
 
 #[test]
 fn glass_shaded_once_stays_within_the_bound() {
-    let glass = ball(json!({"roughness": 0, "metallic": 0, "base_color": [1, 1, 1], "transmission": 1, "thickness": 1, "ior": 1.5}), false);
+    let glass = ball(
+        json!({"roughness": 0, "metallic": 0, "base_color": [1, 1, 1], "transmission": 1, "thickness": 1, "ior": 1.5}),
+        false,
+    );
     assert_within_the_bound("glass", &glass, 4);
     assert_validation_is_silent();
 }

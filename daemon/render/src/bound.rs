@@ -47,10 +47,7 @@ impl Bound {
         let all = targets.list(scene.clone());
         let plane = |hits: &Arc<Buffer>| {
             let all = all.clone().with_buffer("Hits", hits);
-            Ok::<_, GpuError>(Plane {
-                primary: all.bind(&*pipelines.primary)?,
-                light: all.bind(&*pipelines.light)?,
-            })
+            Ok::<_, GpuError>(Plane { primary: all.bind(&*pipelines.primary)?, light: all.bind(&*pipelines.light)? })
         };
         let group = |hits: &Arc<Buffer>| {
             let over = |list: &Arc<Buffer>, pipeline: &Arc<ComputePipeline>| {

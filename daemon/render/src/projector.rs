@@ -157,7 +157,11 @@ impl Projector {
         }
         let frustum = GpuFrustum::new(&self.frustum, scene.origin_m);
         let pattern = self.pattern as u32;
-        let frame = GpuFrame { pattern, planes_a_group: self.targets.planes_a_group, ..GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index) };
+        let frame = GpuFrame {
+            pattern,
+            planes_a_group: self.targets.planes_a_group,
+            ..GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index)
+        };
         self.targets.frame.write(0, bytemuck::bytes_of(&frame))
     }
 
