@@ -7,6 +7,8 @@
 #include "include/frame.glsl"
 #include "include/primary_hit.glsl"
 #include "include/weight.glsl"
+#include "include/closest.glsl"
+#include "include/tiles.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -19,7 +21,7 @@ layout(std430, binding = 19) buffer Weight { float inverse_weight[]; };
 layout(std430, binding = 30) readonly buffer Edge { float edge_px[]; };
 
 void main() {
-    uvec2 pixel = gl_GlobalInvocationID.xy;
+    uvec2 pixel = listed_pixel(TILES_SHARED);
     if (outside_image(pixel)) {
         return;
     }
@@ -37,7 +39,7 @@ void main() {
         return;
     }
     bool inside;
-    Surface s = lit_surface(sample_ray(pixel, nearest.y), nearest.zw, inside);
+    Surface s = lit_surface(sample_ray(pixel, closest_sample(nearest)), nearest.zw, inside);
 
     // That this projector sees the point needs no ray: its primary ray has found it.
     float mine = share_of(frame.projector_index, s.position, s.normal_geometric, false) * edge_fade(edge_px[index]);

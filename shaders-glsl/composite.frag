@@ -8,6 +8,7 @@
 #include "include/primary_ray.glsl"
 #include "include/random.glsl"
 #include "include/look.glsl"
+#include "include/closest.glsl"
 
 layout(std430, binding = 16) readonly buffer Closest { uvec4 closest[]; };
 layout(std430, binding = 17) readonly buffer Light { vec4 light[]; };
@@ -31,7 +32,7 @@ void main() {
     node = float(instance_words(nearest.z).scene_node);
 
     // The ray of the sample that is closest, walked to its hit, and its depth there.
-    vec2 at_px = vec2(pixel) + sample_offset(pixel, nearest.y);
+    vec2 at_px = vec2(pixel) + sample_offset(pixel, closest_sample(nearest));
     vec3 origin, direction;
     float t_max;
     frustum_ray(frame.frustum, at_px, origin, direction, t_max);

@@ -5,6 +5,7 @@
 
 #include "include/frame.glsl"
 #include "include/edge.glsl"
+#include "include/tiles.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -36,11 +37,12 @@ bool jumps(ivec2 at, ivec2 step, float mine) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    size = ivec2(frame.frustum.resolution_px);
-    if (pixel.x >= size.x || pixel.y >= size.y) {
+    uvec2 listed = listed_pixel(push.pass == 2u ? TILES_EDGED : TILES_MARKED);
+    if (any(greaterThanEqual(listed, uvec2(frame.frustum.resolution_px)))) {
         return;
     }
+    ivec2 pixel = ivec2(listed);
+    size = ivec2(frame.frustum.resolution_px);
     uint index = index_of(pixel);
     if (push.pass == 0u) {
         float mine = nearness(pixel);

@@ -7,6 +7,7 @@
 #include "include/light.glsl"
 #include "include/hits.glsl"
 #include "include/live.glsl"
+#include "include/tiles.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -17,7 +18,7 @@ layout(std430, binding = 17) buffer Light { vec4 light[]; };
 layout(std430, binding = 30) buffer Class { uint classes[]; };
 
 void main() {
-    uvec2 pixel = gl_GlobalInvocationID.xy;
+    uvec2 pixel = listed_pixel(TILES_LIT);
     if (outside_image(pixel)) {
         return;
     }

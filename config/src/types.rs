@@ -87,11 +87,13 @@ pub struct Render {
     pub raster: RasterOrder,
     /// Whether overlapping projectors share the light of what both reach.
     pub blend: bool,
+    /// To look for faults: every frame is made wholly anew, and nothing of the last one kept.
+    pub always_full: bool,
 }
 
 impl Default for Render {
     fn default() -> Self {
-        Self { samples: 4, max_depth: 8, raster: RasterOrder::After, blend: true }
+        Self { samples: 4, max_depth: 8, raster: RasterOrder::After, blend: true, always_full: false }
     }
 }
 

@@ -164,7 +164,8 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
                 vec2 barycentric;
                 float t = intersect_triangle(ray.origin, ray.direction, texelFetch(triangles, at).xyz,
                                              texelFetch(triangles, at + 1).xyz, texelFetch(triangles, at + 2).xyz, barycentric);
-                if (t > ray.t_min && t < nearest) {
+                // Of two instances in one place the first counts, whatever the order in which the top level has them.
+                if (t > ray.t_min && (t < nearest || t == nearest && instance < hit.instance)) {
                     hit = Hit(t, instance, triangle, barycentric);
                     nearest = t;
                     done = goal == ANY || goal == SHADOW && !lets_through;

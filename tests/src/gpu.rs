@@ -46,6 +46,7 @@ pub const ONE_SAMPLE: Settings = Settings {
     count_rays: false,
     record_rays: false,
     shade_once: true,
+    always_full: false,
     eye_at_projector: false,
 };
 

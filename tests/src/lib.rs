@@ -7,4 +7,5 @@ pub mod image;
 pub mod lab;
 pub mod models;
 pub mod oracle;
+pub mod random;
 pub mod stage;

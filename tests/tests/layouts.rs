@@ -14,6 +14,8 @@ use lantern_calibration::GpuFrustum;
 use lantern_gpu::{
     Binding, BindingKind, Bindings, Buffer, BufferKind, ComputePipeline, Recorder, Resource, TexelFormat,
 };
+use lantern_render::moved::{GpuMovedBox, MAX_BOXES};
+use lantern_render::tile_lists::{TILE_BOUNDS_BYTES, TILE_LISTS, TILE_PX, TileList};
 use lantern_render::{GpuFrame, MAX_VIEWERS, Pattern, RayCounts, RayKind, RecordHead, RecordedRay, shaders};
 use lantern_scene::{
     PRIMARY_ROLES, SECONDARY_ROLES,
@@ -217,6 +219,7 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
         pad,
     });
     let texture = members!(GpuTexture { first_texel, width, height, flags });
+    let moved = members!(GpuMovedBox { low, pad0, high, pad1 });
     let (counts, counts_size) = members!(RayCounts { primary, secondary, shadow, blend, most_steps });
     let suffixed = |name: String| if name == "most_steps" { name } else { format!("{name}_rays") };
     let counts = counts.into_iter().map(|(name, place)| (suffixed(name), place)).collect();
@@ -227,6 +230,7 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
         ("GpuFrustum", frustum),
         ("Frame", frame),
         ("GpuTexture", texture),
+        ("GpuMovedBox", moved),
         ("Counters", (counts, counts_size)),
         ("Records", head),
         ("RecordedRay", ray),
@@ -262,6 +266,8 @@ fn every_array_has_its_twins_stride() {
         assert!(!strides.is_empty(), "{block} is in no shader");
         assert!(strides.iter().all(|stride| *stride == twins[element]), "{block}: {strides:?}, {}", twins[element]);
     }
+    let strides: Vec<u32> = reflections().iter().flat_map(|(_, reflection)| reflection.stride("TileBounds")).collect();
+    assert_eq!(strides, [TILE_BOUNDS_BYTES as u32]);
     // A uniform block's size is rounded up to its widest alignment, and Rust's struct with it.
     assert_eq!(twins["Frame"] % 16, 0);
 }
@@ -384,6 +390,14 @@ fn every_constant_is_its_twins() {
         ("LIGHT_POINT", LIGHT_POINT),
         ("LIGHT_SPOT", LIGHT_SPOT),
         ("MAX_VIEWERS", MAX_VIEWERS as u32),
+        ("TILE_PX", TILE_PX),
+        ("MAX_BOXES", MAX_BOXES as u32),
+        ("TILES_SEEN", TileList::Seen as u32),
+        ("TILES_MARKED", TileList::Marked as u32),
+        ("TILES_EDGED", TileList::Edged as u32),
+        ("TILES_LIT", TileList::Lit as u32),
+        ("TILES_SHARED", TileList::Shared as u32),
+        ("TILE_LISTS", TILE_LISTS as u32),
         ("PATTERN_OFF", Pattern::Off as u32),
         ("PATTERN_GRID", Pattern::Grid as u32),
         ("PATTERN_WHITE", Pattern::White as u32),

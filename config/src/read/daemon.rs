@@ -60,6 +60,9 @@ pub(crate) fn render(table: Table<'_>) -> Render {
     if let Some(blend) = table.get("blend").and_then(|value| value.boolean()) {
         render.blend = blend;
     }
+    if let Some(always_full) = table.get("always_full").and_then(|value| value.boolean()) {
+        render.always_full = always_full;
+    }
     table.finish();
     render
 }

@@ -6,6 +6,7 @@ use lantern_gpu::{GpuError, Recorder};
 
 use crate::bound::Bound;
 use crate::targets::Targets;
+use crate::tile_lists::TileList;
 
 /// Records the pass: its own part first, then every other projector's, where `blend` asks for them.
 pub(crate) fn record(
@@ -20,7 +21,8 @@ pub(crate) fn record(
         for index in std::iter::once(own).chain(others) {
             let push = [0, index as u32];
             let bindings = &bound.blend[index];
-            recorder.dispatch(&bound.pipelines.blend, bindings, bytemuck::bytes_of(&push), targets.groups())?;
+            let (push, tiles) = (bytemuck::bytes_of(&push), targets.listed(TileList::Shared));
+            recorder.dispatch_indirect_at(&bound.pipelines.blend, bindings, push, tiles)?;
         }
         Ok(())
     })

@@ -29,6 +29,9 @@ pub(crate) struct Bound {
     pub(crate) groups: Vec<Group>,
     pub(crate) lists: Arc<Bindings>,
     pub(crate) refine: Arc<Bindings>,
+    pub(crate) tiles: Arc<Bindings>,
+    /// What has moved, for as many projectors as there are.
+    pub(crate) moved: Arc<Buffer>,
     pub(crate) edges: Arc<Bindings>,
     /// One a projector, itself included.
     pub(crate) blend: Vec<Arc<Bindings>>,
@@ -43,8 +46,9 @@ impl Bound {
         targets: &Targets,
         scene: &Catalogue,
         edges: &[Arc<Buffer>],
+        moved: Arc<Buffer>,
     ) -> Result<Self, GpuError> {
-        let all = targets.list(scene.clone());
+        let all = targets.list(scene.clone()).with_buffer("Moved", &moved);
         let plane = |hits: &Arc<Buffer>| {
             let all = all.clone().with_buffer("Hits", hits);
             Ok::<_, GpuError>(Plane { primary: all.bind(&*pipelines.primary)?, light: all.bind(&*pipelines.light)? })
@@ -65,6 +69,8 @@ impl Bound {
             groups: targets.hits.iter().map(group).collect::<Result<_, _>>()?,
             lists: all.bind(&*pipelines.lists)?,
             refine: all.bind(&*pipelines.refine)?,
+            tiles: all.bind(&*pipelines.tiles)?,
+            moved,
             edges: all.bind(&*pipelines.edges)?,
             blend: edges.iter().map(blend).collect::<Result<_, _>>()?,
             composite: all.bind(&*pipelines.composite_first)?,
@@ -79,7 +85,7 @@ impl Bound {
         (0..).zip(&self.planes)
     }
 
-    /// One dispatch a sample plane: no invocation does more than one sample, which keeps its loops far below the 65,535 turns
+    /// One dispatch a sample plane, over the tiles of a list: no invocation does more than one sample, which keeps its loops far below the 65,535 turns
     /// after which lavapipe 22.3 ends them silently.
     pub(crate) fn each_plane(
         &self,
@@ -87,12 +93,13 @@ impl Bound {
         span: &'static str,
         bindings: impl Fn(&Plane) -> &Arc<Bindings>,
         pipeline: impl Fn(&Pipelines) -> &Arc<ComputePipeline>,
-        groups: [u32; 3],
+        tiles: (&Arc<Buffer>, u64),
     ) -> Result<(), GpuError> {
         recorder.span(span, |recorder| {
             for (sample, plane) in self.planes() {
                 let push = [sample, 0];
-                recorder.dispatch(pipeline(&self.pipelines), bindings(plane), bytemuck::bytes_of(&push), groups)?;
+                let (pipeline, push) = (pipeline(&self.pipelines), bytemuck::bytes_of(&push));
+                recorder.dispatch_indirect_at(pipeline, bindings(plane), push, tiles)?;
             }
             Ok(())
         })

@@ -6,6 +6,7 @@ use lantern_gpu::{GpuError, Recorder};
 
 use crate::bound::Bound;
 use crate::targets::Targets;
+use crate::tile_lists::TileList;
 
 /// Marking, rows, columns.
 const PASSES: u32 = 3;
@@ -14,7 +15,9 @@ const PASSES: u32 = 3;
 pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
     recorder.span("edges", |recorder| {
         for pass in 0..PASSES {
-            recorder.dispatch(&bound.pipelines.edges, &bound.edges, bytemuck::bytes_of(&pass), targets.groups())?;
+            let list = if pass + 1 == PASSES { TileList::Edged } else { TileList::Marked };
+            let (push, tiles) = (bytemuck::bytes_of(&pass), targets.listed(list));
+            recorder.dispatch_indirect_at(&bound.pipelines.edges, &bound.edges, push, tiles)?;
         }
         Ok(())
     })

@@ -12,6 +12,7 @@ mod catalogue;
 mod error;
 mod frame;
 mod jitter;
+pub mod moved;
 mod pattern;
 mod pipelines;
 mod readback;
@@ -23,6 +24,7 @@ pub mod shaders;
 pub mod stale;
 mod structures;
 mod targets;
+pub mod tile_lists;
 
 pub mod blend;
 pub mod composite;
@@ -34,6 +36,7 @@ pub mod raster;
 pub mod renderer;
 pub mod resolve;
 pub mod secondary;
+pub mod tiles;
 
 pub use error::RenderError;
 pub use frame::{GpuFrame, MAX_VIEWERS};

@@ -7,8 +7,9 @@ use lantern_gpu::{GpuError, Recorder};
 
 use crate::bound::{Bound, Plane};
 use crate::targets::Targets;
+use crate::tile_lists::TileList;
 
 /// Records the pass.
 pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
-    bound.each_plane(recorder, "light", |p: &Plane| &p.light, |l| &l.light, targets.groups())
+    bound.each_plane(recorder, "light", |p: &Plane| &p.light, |l| &l.light, targets.listed(TileList::Lit))
 }

@@ -43,6 +43,7 @@ impl Features {
 pub(crate) const ATTACHMENTS: &[ImageFormat] = &[ImageFormat::Rgba32Float, ImageFormat::R32Float];
 
 pub(crate) struct Pipelines {
+    pub(crate) tiles: Arc<ComputePipeline>,
     pub(crate) primary: Arc<ComputePipeline>,
     pub(crate) light: Arc<ComputePipeline>,
     pub(crate) lists: Arc<ComputePipeline>,
@@ -92,6 +93,7 @@ impl Pipelines {
         };
         let composite = |name, test| graphics(name, &shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG, test, &[]);
         Ok(Self {
+            tiles: compute(&shaders::TILES_COMP, &[])?,
             primary: compute(&shaders::PRIMARY_COMP, &[count, record])?,
             light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive])?,
             lists: compute(&shaders::LISTS_COMP, &[])?,

@@ -4,20 +4,21 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use lantern_calibration::{Frustum, GpuFrustum};
-use lantern_gpu::{Buffer, Commands, Device, GpuError, Recorder};
+use lantern_gpu::{Buffer, BufferKind, Commands, Device, GpuError, Recorder};
 use lantern_scene::Scene;
 
 use crate::bound::Bound;
 use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
 use crate::jitter::sample_state;
+use crate::moved::MovedTable;
 use crate::pattern::Pattern;
 use crate::pipelines::Pipelines;
 use crate::raster::RasterNode;
 use crate::settings::{ProjectorSpec, RasterOrder, Settings};
 use crate::stale::{Change, Stale};
 use crate::targets::Targets;
-use crate::{RenderError, blend, composite, edges, light, primary, raster, resolve, secondary};
+use crate::{RenderError, blend, composite, edges, light, primary, raster, resolve, secondary, tiles};
 
 /// A projector's side of the device.
 pub(crate) struct Projector {
@@ -69,6 +70,7 @@ impl Projector {
     /// Takes a revision: what it draws, and, where `rebound`, the buffers that it reads.
     pub(crate) fn take(
         &mut self,
+        device: &Arc<Device>,
         scene: &Scene,
         catalogue: &Catalogue,
         pipelines: &Arc<Pipelines>,
@@ -77,7 +79,9 @@ impl Projector {
     ) -> Result<(), GpuError> {
         self.raster_nodes = raster::nodes(scene);
         if rebound || self.bound.is_none() {
-            self.bound = Some(Bound::new(pipelines, &self.targets, catalogue, edges)?);
+            let bytes = MovedTable::bytes_for(edges.len());
+            let moved = Buffer::new(device, &format!("{}/moved", self.spec.name), BufferKind::Storage, bytes)?;
+            self.bound = Some(Bound::new(pipelines, &self.targets, catalogue, edges, moved)?);
         }
         Ok(())
     }
@@ -87,14 +91,16 @@ impl Projector {
         &mut self,
         device: &Arc<Device>,
         settings: &Settings,
+        moved: &MovedTable,
     ) -> Result<Option<Commands>, GpuError> {
-        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.primary) else { return Ok(None) };
+        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.primary.any()) else { return Ok(None) };
         let mut recorder = Recorder::new(device, self.queue, &self.spec.name)?;
         if !self.state_written {
             let words = sample_state(&self.spec.name, settings.samples);
             recorder.upload(&self.targets.sample_state, 0, bytemuck::cast_slice(&words))?;
         }
         recorder.fill(&self.targets.counters, 0)?;
+        tiles::record(&mut recorder, bound, &self.targets, self.stale, moved)?;
         primary::record(&mut recorder, bound, &self.targets)?;
         if settings.blend {
             edges::record(&mut recorder, bound, &self.targets)?;
@@ -109,18 +115,22 @@ impl Projector {
         device: &Arc<Device>,
         settings: &Settings,
         index: usize,
+        moved: &MovedTable,
     ) -> Result<Option<Commands>, GpuError> {
         let Some(bound) = self.bound.as_ref().filter(|_| self.stale.any()) else { return Ok(None) };
         let (stale, targets) = (self.stale, &self.targets);
         let mut recorder = Recorder::new(device, self.queue, &self.spec.name)?;
-        if !stale.primary {
+        if !stale.primary.any() {
             recorder.fill(&targets.counters, 0)?;
+            if stale.any_tiles() {
+                tiles::record(&mut recorder, bound, targets, stale, moved)?;
+            }
         }
-        if stale.light {
+        if stale.light.any() {
             light::record(&mut recorder, bound, targets)?;
             secondary::record_lists(&mut recorder, bound, targets)?;
         }
-        if stale.weight {
+        if stale.weight.any() {
             blend::record(&mut recorder, bound, targets, index, settings.blend)?;
         }
         if stale.look {

@@ -8,9 +8,10 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use lantern_calibration::GpuFrustum;
 use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder, Submission};
-use lantern_scene::{Scene, changes};
+use lantern_scene::{Role, Scene, changes, moved};
 
 use crate::catalogue::Catalogue;
+use crate::moved::MovedBoxes;
 use crate::pattern::Pattern;
 use crate::pipelines::{Features, Pipelines};
 use crate::projector::Projector;
@@ -71,6 +72,8 @@ pub struct Renderer {
     settings: Settings,
     scene_buffers: SceneBuffers,
     scene: Arc<Scene>,
+    /// Where things have moved that were not yet shown so.
+    moved: MovedBoxes,
     projectors: Vec<Projector>,
     /// Every projector's frustum, which the blend pass of each reads.
     frusta: Arc<Buffer>,
@@ -104,6 +107,7 @@ impl Renderer {
             settings,
             scene_buffers: SceneBuffers::new(device)?,
             scene,
+            moved: MovedBoxes::default(),
             frusta: frusta_buffer(device, projectors.len())?,
             frusta_written: false,
             projectors,
@@ -188,8 +192,15 @@ impl Renderer {
         if Arc::ptr_eq(&self.scene, &scene) {
             return;
         }
-        self.rebind |= Features::of(&self.scene) != Features::of(&scene);
         let mut stale = stale_by(&changes(&self.scene, &scene));
+        if Features::of(&self.scene) != Features::of(&scene) {
+            self.rebind = true;
+            stale |= Change::Pipelines.makes_stale();
+        }
+        if has_virtual(&self.scene) != has_virtual(&scene) {
+            stale |= Change::AnyVirtual.makes_stale();
+        }
+        moved(&self.scene, &scene).iter().for_each(|moved| self.moved.add(moved));
         if scene.origin_m != self.scene.origin_m {
             stale = Stale::EVERYTHING;
             self.frusta_written = false;
@@ -245,6 +256,10 @@ impl Renderer {
     /// # Errors
     /// What Vulkan says; what was stale stays so.
     pub fn render(&mut self, newest_viewers: impl Fn() -> Vec<DVec3>) -> Result<Option<FrameReport>, RenderError> {
+        if self.settings.always_full {
+            self.make_stale(Stale::EVERYTHING);
+        }
+
         // An eye that has moved makes stale only what depends on it.
         let viewers = newest_viewers();
         for projector in &mut self.projectors {
@@ -263,13 +278,14 @@ impl Renderer {
 
         // Everything is recorded before the pose is read, so that nothing but a small write lies between the two.
         let (device, settings) = (&self.device, &self.settings);
+        let moved = self.moved.table(self.projectors.iter().map(|p| &p.frustum), self.scene.origin_m);
         let mut seen = Vec::new();
         for projector in &mut self.projectors {
-            seen.push(projector.record_seen(device, settings)?);
+            seen.push(projector.record_seen(device, settings, &moved)?);
         }
         let mut recorded = Vec::new();
         for (index, (projector, seen)) in self.projectors.iter_mut().zip(seen).enumerate() {
-            if let Some(shown) = projector.record_shown(device, settings, index)? {
+            if let Some(shown) = projector.record_shown(device, settings, index, &moved)? {
                 recorded.push((index, seen, shown));
             }
         }
@@ -309,6 +325,7 @@ impl Renderer {
             });
             self.projectors[index].done();
         }
+        self.moved.clear();
         if self.settings.count_rays {
             for report in &mut reports {
                 let words = readback::read_words(&self.device, &self.projectors[report.projector].targets.counters)?;
@@ -334,7 +351,7 @@ impl Renderer {
         let (catalogue, pipelines) = (self.catalogue(), self.pipelines()?);
         let edges: Vec<_> = self.projectors.iter().map(|p| p.targets.edge.clone()).collect();
         for projector in &mut self.projectors {
-            projector.take(&self.scene, &catalogue, &pipelines, &edges, self.rebind)?;
+            projector.take(&self.device, &self.scene, &catalogue, &pipelines, &edges, self.rebind)?;
         }
         self.rebind = false;
         Ok(submission)
@@ -376,6 +393,10 @@ impl Renderer {
         let of = room::View { frusta, scene: &self.scene, settings: &self.settings, pictures };
         room::render(&self.device, &pipelines, &self.catalogue(), &of, eye, size_px)
     }
+}
+
+fn has_virtual(scene: &Scene) -> bool {
+    scene.instances.iter().any(|instance| instance.visible && instance.role == Role::Virtual)
 }
 
 fn frusta_buffer(device: &Arc<Device>, count: usize) -> Result<Arc<Buffer>, GpuError> {

@@ -40,6 +40,8 @@ pub struct Settings {
     pub count_rays: bool,
     /// Write rays down, as [`Renderer::record`](crate::Renderer::record) asks; takes up to 128 MiB a projector.
     pub record_rays: bool,
+    /// Make every frame wholly anew, as if nothing of the last one were kept. For the test that shows the keeping to be right.
+    pub always_full: bool,
     /// The naive method: reflect each projector's own ray. For the test that shows it to be wrong.
     pub eye_at_projector: bool,
 }
@@ -54,6 +56,7 @@ impl Default for Settings {
             shade_once: true,
             count_rays: false,
             record_rays: false,
+            always_full: false,
             eye_at_projector: false,
         }
     }

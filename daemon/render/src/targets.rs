@@ -8,6 +8,7 @@ use crate::catalogue::Catalogue;
 use crate::frame::GpuFrame;
 use crate::record;
 use crate::settings::Settings;
+use crate::tile_lists::{self, TILE_PX, TileList};
 
 /// What a projector's passes write, a row of the image after the other. Bytes a pixel: 8 for each sample plane, and 120.
 pub(crate) struct Targets {
@@ -29,7 +30,11 @@ pub(crate) struct Targets {
     pub(crate) each: Arc<Buffer>,
     /// The head of `each` before a frame adds to it.
     pub(crate) each_head: Arc<Buffer>,
-    /// Distance, sample, instance and triangle of the closest sample.
+    /// Lists of the tiles that are to be made anew; 20 bytes a tile.
+    pub(crate) tiles: Arc<Buffer>,
+    /// Around what the samples of each tile have met; 32 bytes a tile.
+    pub(crate) tile_bounds: Arc<Buffer>,
+    /// Distance, sample, instance and triangle of the closest sample; of the farthest hit the distance.
     pub(crate) closest: Arc<Buffer>,
     /// Eye-independent light.
     pub(crate) light: Arc<Buffer>,
@@ -71,6 +76,7 @@ impl Targets {
     ) -> Result<Self, GpuError> {
         let samples = settings.samples;
         let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
+        let tiles = u64::from(size_px[0].div_ceil(TILE_PX)) * u64::from(size_px[1].div_ceil(TILE_PX));
         let storage =
             |what: &str, bytes: u64| Buffer::new(device, &format!("{name}/{what}"), BufferKind::Storage, bytes);
         let image = |what: &str, format, usage| {
@@ -90,6 +96,8 @@ impl Targets {
             once: storage("once", LIVE_HEAD + pixels * 4)?,
             each: storage("each", LIVE_HEAD + pixels * 4)?,
             each_head: storage("each, head", LIVE_HEAD)?,
+            tiles: storage("tiles", tile_lists::bytes_for(tiles))?,
+            tile_bounds: storage("tile bounds", tiles * tile_lists::TILE_BOUNDS_BYTES)?,
             closest: storage("closest", pixels * 16)?,
             light: storage("light", pixels * 16)?,
             look: storage("look", pixels * 16)?,
@@ -114,6 +122,8 @@ impl Targets {
             .with_buffer("Class", &self.classes)
             .with_buffer("Once", &self.once)
             .with_buffer("Each", &self.each)
+            .with_buffer("Tiles", &self.tiles)
+            .with_buffer("TileBounds", &self.tile_bounds)
             .with_buffer("Closest", &self.closest)
             .with_buffer("Light", &self.light)
             .with_buffer("Look", &self.look)
@@ -140,6 +150,8 @@ impl Targets {
             &self.once,
             &self.each,
             &self.each_head,
+            &self.tiles,
+            &self.tile_bounds,
             &self.closest,
             &self.light,
             &self.look,
@@ -163,9 +175,14 @@ impl Targets {
         ((low * strata + low) / self.planes_a_group) as usize
     }
 
-    /// Workgroups of 8 × 8 that cover the image.
+    /// Workgroups that cover the image, one a tile.
     pub(crate) fn groups(&self) -> [u32; 3] {
-        [self.size_px[0].div_ceil(8), self.size_px[1].div_ceil(8), 1]
+        [self.size_px[0].div_ceil(TILE_PX), self.size_px[1].div_ceil(TILE_PX), 1]
+    }
+
+    /// The counts of an indirect dispatch over the tiles of a list.
+    pub(crate) fn listed(&self, list: TileList) -> (&Arc<Buffer>, u64) {
+        (&self.tiles, list.offset())
     }
 }
 

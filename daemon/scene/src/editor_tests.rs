@@ -9,7 +9,7 @@ use serde_json::json;
 
 use crate::gltf::sample::Sample;
 use crate::pack::{NO_TEXTURE, ROLE_PROP};
-use crate::{Changes, Edit, Editor, Limits, Place, Role, Scene, changes};
+use crate::{Changes, Edit, Editor, Limits, Moved, Place, Role, Scene, changes, moved};
 
 /// An asset root with the sample as a.glb, and an editor that may read it.
 pub(crate) fn studio() -> (tempfile::TempDir, Editor) {
@@ -228,6 +228,39 @@ fn changes_name_what_an_edit_touched() {
     let new = editor.apply(&edits(json!([{"add": {"node": "m", "uri": "a.glb"}}]))).unwrap();
     let found = changes(&old, &new);
     assert!(found.geometry && found.textures && found.props_moved && found.materials && found.lights);
+}
+
+#[test]
+fn what_has_moved_is_where_it_was_and_where_it_is() {
+    let (_folder, mut editor) = studio();
+    let setup = json!([
+        {"add": {"node": "first", "uri": "lantern:cube", "translation_m": [-5, 0, 0]}},
+        {"add": {"node": "prop", "uri": "lantern:cube"}},
+        {"add": {"node": "ghost", "uri": "lantern:cube", "role": "virtual"}},
+        {"add": {"node": "drawn", "uri": "lantern:cube", "role": "raster"}},
+    ]);
+    let mut old = editor.apply(&edits(setup)).unwrap();
+    let cube = |physical: bool, x: f64| {
+        let at_m = DVec3::new(x, 0.0, 0.0);
+        Moved { physical, low_m: at_m - 0.5, high_m: at_m + 0.5 }
+    };
+    for (edit, expected) in [
+        (json!({"set": {"node": "prop", "translation_m": [2, 0, 0]}}), vec![cube(true, 0.0), cube(true, 2.0)]),
+        (json!({"set": {"node": "prop", "role": "mask"}}), vec![cube(true, 2.0), cube(true, 2.0)]),
+        (json!({"set": {"node": "prop", "role": "virtual"}}), vec![cube(true, 2.0), cube(false, 2.0)]),
+        (json!({"set": {"node": "prop", "visible": false}}), vec![cube(false, 2.0)]),
+        (json!({"set": {"node": "ghost", "translation_m": [1, 0, 0]}}), vec![cube(false, 0.0), cube(false, 1.0)]),
+        (json!({"set": {"node": "drawn", "translation_m": [1, 0, 0]}}), vec![]),
+        (json!({"material": {"name": "ghost/cube", "roughness": 0.5}}), vec![]),
+        // What comes at the end renumbers nothing, though the geometry is packed anew.
+        (json!({"add": {"node": "last", "uri": "lantern:quad", "role": "raster"}}), vec![]),
+        // What goes renumbers all behind it: a hit that was stored as the ghost's is another's now.
+        (json!({"remove": {"node": "first"}}), vec![cube(true, -5.0), cube(false, 1.0), cube(false, 1.0)]),
+    ] {
+        let new = editor.apply(&edits(json!([edit]))).unwrap();
+        assert_eq!(moved(&old, &new), expected, "{edit}");
+        old = new;
+    }
 }
 
 #[test]

@@ -53,7 +53,7 @@ pub use limits::Limits;
 pub use material::{Material, absorption_per_m};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshData};
 pub use raycast::{Hit, PRIMARY_ROLES, SECONDARY_ROLES, role_bit};
-pub use revision::{Changes, changes};
+pub use revision::{Changes, Moved, changes, moved};
 pub use scene::{Instance, Node, Scene, WorldMesh};
 pub use structures::{Counts, Structures};
 pub use texture::{Image, Texture, Wrap};

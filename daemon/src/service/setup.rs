@@ -88,6 +88,7 @@ pub fn settings(config: &Config) -> Settings {
             lantern_config::RasterOrder::After => RasterOrder::After,
         },
         blend: render.blend,
+        always_full: render.always_full,
         ..Settings::default()
     }
 }

@@ -170,20 +170,37 @@ impl Recorder {
         push: &[u8],
         counts: &Arc<Buffer>,
     ) -> Result<(), GpuError> {
+        self.dispatch_indirect_at(pipeline, bindings, push, (counts, 0))
+    }
+
+    /// The same, where the three words stand at an offset into the buffer, bytes.
+    ///
+    /// # Errors
+    /// As for [`Recorder::dispatch_indirect`]; and [`GpuError::Misuse`] for an offset that is no multiple of 4.
+    pub fn dispatch_indirect_at(
+        &mut self,
+        pipeline: &Arc<ComputePipeline>,
+        bindings: &Arc<Bindings>,
+        push: &[u8],
+        (counts, offset): (&Arc<Buffer>, u64),
+    ) -> Result<(), GpuError> {
         self.check_outside()?;
         self.check_pipeline(&pipeline.layout, bindings, push)?;
         if counts.kind() != BufferKind::Storage {
             return Err(GpuError::misuse(counts.name(), "counts of an indirect dispatch lie in a storage buffer"));
         }
-        counts.check_range(0, 12)?;
+        if !offset.is_multiple_of(4) {
+            return Err(GpuError::misuse(counts.name(), "counts of an indirect dispatch begin at a whole word"));
+        }
+        counts.check_range(offset, 12)?;
         let mut uses = Uses::default();
         uses.add_bindings(bindings)?;
         uses.add_buffer(counts, AccessSet::of(Access::Indirect));
         self.apply(&uses)?;
         self.bind(vk::PipelineBindPoint::COMPUTE, pipeline.raw, &pipeline.layout, bindings, push);
         // SAFETY: pipeline, bindings and push constants are bound, all for this layout; the buffer may hold counts, has
-        // three words, is kept below and was made available by the barrier before.
-        unsafe { self.raw().cmd_dispatch_indirect(self.recording.commands(), counts.raw, 0) };
+        // three words at the offset, is kept below and was made available by the barrier before.
+        unsafe { self.raw().cmd_dispatch_indirect(self.recording.commands(), counts.raw, offset) };
         self.recording.dispatches += 1;
         self.keep(pipeline);
         self.keep(bindings);
