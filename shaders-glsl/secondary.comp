@@ -25,7 +25,7 @@ layout(std430, binding = 28) readonly buffer Live {
 };
 
 // One sample stands for its pixel: the one nearest to the middle.
-layout(constant_id = 4) const uint ONE_FOR_ALL = 0u;
+layout(constant_id = 5) const uint ONE_FOR_ALL = 0u;
 
 // A sample follows at most this many rays, and none that carries less than this.
 const uint MAX_RAYS = 24u;

@@ -41,10 +41,11 @@ uint record_pixel = 0u;
 uint record_sample = 0u;
 uint record_turn = 0u;
 
-// Said once at the beginning of an invocation: for whom its rays are.
+// Said before a sample's first ray: for whom its rays are.
 void record_for(uint pixel, uint sample_index) {
     record_pixel = pixel;
     record_sample = sample_index;
+    record_turn = 0u;
 }
 
 uint record_hash(Ray ray) {

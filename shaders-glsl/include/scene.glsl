@@ -122,12 +122,14 @@ void instance_rows(uint instance, int first, out vec4 row0, out vec4 row1, out v
     row2 = uintBitsToFloat(texelFetch(instances, base + 2));
 }
 
-vec3 transform_point(vec4 row0, vec4 row1, vec4 row2, vec3 p) {
-    return vec3(dot(row0.xyz, p) + row0.w, dot(row1.xyz, p) + row1.w, dot(row2.xyz, p) + row2.w);
+// Written out, so that one point and the four of a beam round alike.
+vec3 transform_vector(vec4 row0, vec4 row1, vec4 row2, vec3 d) {
+    return vec3(row0.x * d.x + row0.y * d.y + row0.z * d.z, row1.x * d.x + row1.y * d.y + row1.z * d.z,
+                row2.x * d.x + row2.y * d.y + row2.z * d.z);
 }
 
-vec3 transform_vector(vec4 row0, vec4 row1, vec4 row2, vec3 d) {
-    return vec3(dot(row0.xyz, d), dot(row1.xyz, d), dot(row2.xyz, d));
+vec3 transform_point(vec4 row0, vec4 row1, vec4 row2, vec3 p) {
+    return transform_vector(row0, row1, row2, p) + vec3(row0.w, row1.w, row2.w);
 }
 
 #endif

@@ -45,24 +45,46 @@ vec3 safe_inverse(vec3 d) {
     return vec3(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
 }
 
-// Möller and Trumbore, JGT 2(1), 1997. Returns t, or -1.
-float intersect_triangle(vec3 origin, vec3 direction, vec3 v0, vec3 e1, vec3 e2, out vec2 barycentric) {
-    vec3 p = cross(direction, e2);
-    float det = dot(e1, p);
-    barycentric = vec2(0.0);
-    if (det == 0.0) {
-        return -1.0;
+// Möller and Trumbore, JGT 2(1), 1997, of one ray (F = float) or of four (F = vec4), by component so that both round alike: t and the
+// barycentrics, and how far inside its edges the ray meets the triangle's plane, in units of the triangle. A degenerate triangle gives
+// infinities and NaN, which pass no comparison with `inside` and `t`.
+#define DEFINE_MEET_TRIANGLE(F)                                                                                     \
+    F meet_triangle(F ox, F oy, F oz, F dx, F dy, F dz, vec3 v0, vec3 e1, vec3 e2, out F u, out F v, out F inside) { \
+        F px = dy * e2.z - dz * e2.y;                                                                               \
+        F py = dz * e2.x - dx * e2.z;                                                                               \
+        F pz = dx * e2.y - dy * e2.x;                                                                               \
+        F inverse = 1.0 / (px * e1.x + py * e1.y + pz * e1.z);                                                      \
+        F sx = ox - v0.x;                                                                                           \
+        F sy = oy - v0.y;                                                                                           \
+        F sz = oz - v0.z;                                                                                           \
+        F qx = sy * e1.z - sz * e1.y;                                                                               \
+        F qy = sz * e1.x - sx * e1.z;                                                                               \
+        F qz = sx * e1.y - sy * e1.x;                                                                               \
+        u = (sx * px + sy * py + sz * pz) * inverse;                                                                \
+        v = (dx * qx + dy * qy + dz * qz) * inverse;                                                                \
+        inside = min(min(u, v), 1.0 - (u + v));                                                                     \
+        return (qx * e2.x + qy * e2.y + qz * e2.z) * inverse;                                                       \
     }
-    float inverse = 1.0 / det;
-    vec3 s = origin - v0;
-    float u = dot(s, p) * inverse;
-    vec3 q = cross(s, e1);
-    float v = dot(direction, q) * inverse;
-    if (u < -EDGE_PAD || v < -EDGE_PAD || u + v > 1.0 + EDGE_PAD) {
-        return -1.0;
-    }
-    barycentric = vec2(u, v);
-    return dot(e2, q) * inverse;
+DEFINE_MEET_TRIANGLE(float)
+
+// Of two surfaces at the same distance the one of the lower instance, then of the lower triangle, is met, in whatever order a walk comes
+// to them: the number below which a triangle of `instance` wins against an equally near hit.
+uint wins_below(uint instance, uint met_instance, uint met_triangle) {
+    return met_instance == instance ? met_triangle : (met_instance != NO_INSTANCE && instance < met_instance ? 0xffffffffu : 0u);
+}
+
+// What of a ray, or of a beam of them, boxes are met with, by axis: where and how fast it passes the plane by which it enters, and the
+// one by which it leaves. For a single ray both are the same.
+struct Slabs {
+    vec3 near_from;
+    vec3 near_inverse;
+    vec3 far_from;
+    vec3 far_inverse;
+};
+
+Slabs slabs_of(Ray ray) {
+    vec3 inverse = safe_inverse(ray.direction);
+    return Slabs(ray.origin, inverse, ray.origin, inverse);
 }
 
 // The octant in which the ray travels, inverted and repeated in each byte: the order in which children are visited.
@@ -72,7 +94,8 @@ uint octant_inverse(vec3 direction) {
 }
 
 // Four children at once: bits of those that the ray meets, inner nodes in the top byte in visiting order, triangles below.
-uint intersect_children(uint meta4, uint octant4, uvec3 low4, uvec3 high4, vec3 scale, vec3 offset, float t_min, float t_max) {
+uint intersect_children(uint meta4, uint octant4, uvec3 near4, uvec3 far4, vec3 near_scale, vec3 near_offset, vec3 far_scale,
+                        vec3 far_offset, float t_min, float t_max) {
     uint is_inner4 = (meta4 & (meta4 << 1u)) & 0x10101010u;
     uint inner_mask4 = (is_inner4 >> 4u) * 0xffu;
     uint bit_index4 = (meta4 ^ (octant4 & inner_mask4)) & 0x1f1f1f1fu;
@@ -80,10 +103,10 @@ uint intersect_children(uint meta4, uint octant4, uvec3 low4, uvec3 high4, vec3 
     uint mask = 0u;
     for (int i = 0; i < 4; ++i) {
         int shift = i * 8;
-        vec3 low = vec3((low4 >> shift) & 0xffu) * scale + offset;
-        vec3 high = vec3((high4 >> shift) & 0xffu) * scale + offset;
-        float enter = max(max(low.x, low.y), max(low.z, t_min));
-        float leave = min(min(high.x, high.y), min(high.z, t_max)) * BOX_PAD;
+        vec3 near = vec3((near4 >> shift) & 0xffu) * near_scale + near_offset;
+        vec3 far = vec3((far4 >> shift) & 0xffu) * far_scale + far_offset;
+        float enter = max(max(near.x, near.y), max(near.z, t_min));
+        float leave = min(min(far.x, far.y), min(far.z, t_max)) * BOX_PAD;
         if (enter <= leave) {
             mask |= ((child_bits4 >> shift) & 0xffu) << ((bit_index4 >> shift) & 0xffu);
         }
@@ -91,22 +114,30 @@ uint intersect_children(uint meta4, uint octant4, uvec3 low4, uvec3 high4, vec3 
     return mask;
 }
 
-// One node against the ray. Writes where its children and primitives begin.
-uint intersect_node(uvec4 n0, uvec4 n1, uvec4 n2, uvec4 n3, uvec4 n4, vec3 origin, vec3 inverse, uint octant4, float t_min,
-                    float t_max) {
+// The edges of a node's grid: a step along each axis, m.
+vec3 grid_step(uvec4 n0) {
+    return vec3(uintBitsToFloat((n0.w & 0xffu) << 23u), uintBitsToFloat(((n0.w >> 8u) & 0xffu) << 23u),
+                uintBitsToFloat(((n0.w >> 16u) & 0xffu) << 23u));
+}
+
+// One node against the ray.
+uint intersect_node(uvec4 n0, uvec4 n1, uvec4 n2, uvec4 n3, uvec4 n4, Slabs slabs, uint octant4, float t_min, float t_max) {
     // Planes are bytes in the node's own grid: fold grid and ray into one multiply and add.
-    vec3 extent = vec3(uintBitsToFloat((n0.w & 0xffu) << 23u), uintBitsToFloat(((n0.w >> 8u) & 0xffu) << 23u),
-                       uintBitsToFloat(((n0.w >> 16u) & 0xffu) << 23u));
-    vec3 scale = extent * inverse;
-    vec3 offset = (uintBitsToFloat(n0.xyz) - origin) * inverse;
+    vec3 extent = grid_step(n0);
+    vec3 near_scale = extent * slabs.near_inverse;
+    vec3 near_offset = (uintBitsToFloat(n0.xyz) - slabs.near_from) * slabs.near_inverse;
+    vec3 far_scale = extent * slabs.far_inverse;
+    vec3 far_offset = (uintBitsToFloat(n0.xyz) - slabs.far_from) * slabs.far_inverse;
 
     // A ray that runs down an axis enters by the high plane.
-    bvec3 down = lessThan(inverse, vec3(0.0));
+    bvec3 down = lessThan(slabs.near_inverse, vec3(0.0));
     uvec4 x = down.x ? n2.zwxy : n2;
     uvec4 y = down.y ? n3.zwxy : n3;
     uvec4 z = down.z ? n4.zwxy : n4;
-    return intersect_children(n1.z, octant4, uvec3(x.x, y.x, z.x), uvec3(x.z, y.z, z.z), scale, offset, t_min, t_max) |
-           intersect_children(n1.w, octant4, uvec3(x.y, y.y, z.y), uvec3(x.w, y.w, z.w), scale, offset, t_min, t_max);
+    return intersect_children(n1.z, octant4, uvec3(x.x, y.x, z.x), uvec3(x.z, y.z, z.z), near_scale, near_offset, far_scale, far_offset,
+                              t_min, t_max) |
+           intersect_children(n1.w, octant4, uvec3(x.y, y.y, z.y), uvec3(x.w, y.w, z.w), near_scale, near_offset, far_scale, far_offset,
+                              t_min, t_max);
 }
 
 // What ends a walk.
@@ -131,10 +162,11 @@ uint next_child(inout uvec2 group, uint octant4) {
 // Walks one mesh; `ray` is in its object space, where its direction has any length and its parameter is the world's.
 // True when `goal` needs no more.
 bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, bool lets_through, inout Hit hit) {
-    vec3 inverse = safe_inverse(ray.direction);
-    uint octant4 = octant_inverse(ray.direction);
+    Slabs slabs = slabs_of(ray);
+    uint octant4 = octant_inverse(slabs.near_inverse);
     bool done = false;
     float nearest = hit.t;
+    uint wins = wins_below(instance, hit.instance, hit.triangle);
 
     uvec2 stack[STACK_SIZE];
     int top = 0;
@@ -150,7 +182,7 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
         uvec4 n0 = texelFetch(blas_nodes, at);
         uvec4 n1 = texelFetch(blas_nodes, at + 1);
         uint mask = intersect_node(n0, n1, texelFetch(blas_nodes, at + 2), texelFetch(blas_nodes, at + 3),
-                                   texelFetch(blas_nodes, at + 4), ray.origin, inverse, octant4, ray.t_min, nearest);
+                                   texelFetch(blas_nodes, at + 4), slabs, octant4, ray.t_min, nearest);
         group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
         uvec2 primitives = uvec2(n1.y, mask & ~NODE_BITS);
 
@@ -161,13 +193,14 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
                 primitives.y &= ~(1u << bit);
                 uint triangle = primitives.x + bit;
                 int at = (int(words.triangle_base) + int(triangle)) * 3;
-                vec2 barycentric;
-                float t = intersect_triangle(ray.origin, ray.direction, texelFetch(triangles, at).xyz,
-                                             texelFetch(triangles, at + 1).xyz, texelFetch(triangles, at + 2).xyz, barycentric);
-                // Of two instances in one place the first counts, whatever the order in which the top level has them.
-                if (t > ray.t_min && (t < nearest || t == nearest && instance < hit.instance)) {
-                    hit = Hit(t, instance, triangle, barycentric);
+                float u, v, inside;
+                float t = meet_triangle(ray.origin.x, ray.origin.y, ray.origin.z, ray.direction.x, ray.direction.y, ray.direction.z,
+                                        texelFetch(triangles, at).xyz, texelFetch(triangles, at + 1).xyz,
+                                        texelFetch(triangles, at + 2).xyz, u, v, inside);
+                if (inside >= -EDGE_PAD && t > ray.t_min && (t < nearest || t == nearest && triangle < wins)) {
+                    hit = Hit(t, instance, triangle, vec2(u, v));
                     nearest = t;
+                    wins = triangle;
                     done = goal == ANY || goal == SHADOW && !lets_through;
                 }
             }
@@ -195,8 +228,8 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
 // Walks both levels. True when `ANY` or `SHADOW` ended early. A walk for a shadow leaves in `hit` what it met: something opaque where
 // it returned true, else the nearest surface that lets light through.
 bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
-    vec3 inverse = safe_inverse(ray.direction);
-    uint octant4 = octant_inverse(ray.direction);
+    Slabs slabs = slabs_of(ray);
+    uint octant4 = octant_inverse(slabs.near_inverse);
     bool done = false;
     hit = Hit(ray.t_max, NO_INSTANCE, 0u, vec2(0.0));
     Hit through = hit;
@@ -216,7 +249,7 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
             uvec4 n0 = texelFetch(tlas_nodes, at);
             uvec4 n1 = texelFetch(tlas_nodes, at + 1);
             uint mask = intersect_node(n0, n1, texelFetch(tlas_nodes, at + 2), texelFetch(tlas_nodes, at + 3),
-                                       texelFetch(tlas_nodes, at + 4), ray.origin, inverse, octant4, ray.t_min, hit.t);
+                                       texelFetch(tlas_nodes, at + 4), slabs, octant4, ray.t_min, hit.t);
             group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
             entries = uvec2(n1.y, mask & ~NODE_BITS);
         }

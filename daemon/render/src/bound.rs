@@ -10,15 +10,15 @@ use crate::targets::Targets;
 
 /// What the passes over one sample plane bind.
 pub(crate) struct Plane {
-    pub(crate) primary: Arc<Bindings>,
     pub(crate) light: Arc<Bindings>,
 }
 
-/// What the pass that follows the eye binds, over one group of sample planes.
+/// What the passes over a group of sample planes bind.
 pub(crate) struct Group {
-    /// With the list of the pixels of which one sample is shaded.
+    pub(crate) primary: Arc<Bindings>,
+    /// The pass that follows the eye, with the list of the pixels of which one sample is shaded.
     pub(crate) once: Arc<Bindings>,
-    /// With the list of those of which every one is.
+    /// The same, with the list of those of which every one is.
     pub(crate) each: Arc<Bindings>,
 }
 
@@ -51,13 +51,14 @@ impl Bound {
         let all = targets.list(scene.clone()).with_buffer("Moved", &moved);
         let plane = |hits: &Arc<Buffer>| {
             let all = all.clone().with_buffer("Hits", hits);
-            Ok::<_, GpuError>(Plane { primary: all.bind(&*pipelines.primary)?, light: all.bind(&*pipelines.light)? })
+            Ok::<_, GpuError>(Plane { light: all.bind(&*pipelines.light)? })
         };
         let group = |hits: &Arc<Buffer>| {
             let over = |list: &Arc<Buffer>, pipeline: &Arc<ComputePipeline>| {
                 all.clone().with_buffer("Hits", hits).with_buffer("Live", list).bind(&**pipeline)
             };
             Ok::<_, GpuError>(Group {
+                primary: all.clone().with_buffer("Hits", hits).bind(&*pipelines.primary)?,
                 once: over(&targets.once, &pipelines.secondary_once)?,
                 each: over(&targets.each, &pipelines.secondary_each)?,
             })

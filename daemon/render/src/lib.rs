@@ -44,4 +44,4 @@ pub use pattern::Pattern;
 pub use readback::{Layer, LayerImage, Texels};
 pub use record::{RayKind, RecordHead, Recorded, RecordedRay};
 pub use renderer::{FrameReport, ProjectorReport, RayCounts, Renderer};
-pub use settings::{ProjectorSpec, RasterOrder, Settings};
+pub use settings::{ProjectorSpec, RasterOrder, Settings, Walk};

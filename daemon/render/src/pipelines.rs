@@ -5,7 +5,7 @@ use std::sync::Arc;
 use lantern_gpu::{ComputePipeline, DepthTest, Device, GpuError, GraphicsDesc, GraphicsPipeline, ImageFormat};
 use lantern_scene::Scene;
 
-use crate::settings::Settings;
+use crate::settings::{Settings, Walk};
 use crate::shaders;
 
 /// Specialisation constant of `secondary.comp`: reflect the projector's own ray.
@@ -21,7 +21,9 @@ const TEXTURED: u32 = 2;
 const TRANSMISSIVE: u32 = 3;
 
 /// Specialisation constant of `secondary.comp`: one sample of a pixel is shaded for all.
-const ONE_FOR_ALL: u32 = 4;
+const ONE_FOR_ALL: u32 = 5;
+/// Specialisation constant of `primary.comp`: samples of a pixel that one invocation traces.
+const SAMPLES_TOGETHER: u32 = 4;
 
 /// What of a scene the pipelines are made for. Branches are no way around work on a driver that runs both sides under a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -44,6 +46,8 @@ pub(crate) const ATTACHMENTS: &[ImageFormat] = &[ImageFormat::Rgba32Float, Image
 
 pub(crate) struct Pipelines {
     pub(crate) tiles: Arc<ComputePipeline>,
+    /// Sample planes that one dispatch of `primary` writes: 1 or 4.
+    pub(crate) samples_together: usize,
     pub(crate) primary: Arc<ComputePipeline>,
     pub(crate) light: Arc<ComputePipeline>,
     pub(crate) lists: Arc<ComputePipeline>,
@@ -92,9 +96,11 @@ impl Pipelines {
             )
         };
         let composite = |name, test| graphics(name, &shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG, test, &[]);
+        let samples_together = samples_together(device, settings.walk);
         Ok(Self {
             tiles: compute(&shaders::TILES_COMP, &[])?,
-            primary: compute(&shaders::PRIMARY_COMP, &[count, record])?,
+            samples_together,
+            primary: compute(&shaders::PRIMARY_COMP, &[count, record, (SAMPLES_TOGETHER, samples_together as u32)])?,
             light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive])?,
             lists: compute(&shaders::LISTS_COMP, &[])?,
             secondary_once: secondary(1)?,
@@ -109,4 +115,10 @@ impl Pipelines {
             raster: graphics("raster", &shaders::RASTER_VERT, &shaders::RASTER_FRAG, DepthTest::Less, &[textured])?,
         })
     }
+}
+
+/// Four where a core does an invocation's work: it then does most of it once for all four. One where thousands of invocations must be
+/// in flight, whose registers four rays would take.
+fn samples_together(device: &Device, walk: Walk) -> usize {
+    if walk.beams.unwrap_or(device.info().kind == "cpu") { 4 } else { 1 }
 }

@@ -4,11 +4,22 @@
 
 use lantern_gpu::{GpuError, Recorder};
 
-use crate::bound::{Bound, Plane};
+use crate::bound::Bound;
 use crate::targets::Targets;
 use crate::tile_lists::TileList;
 
-/// Records the pass.
+/// Records the pass: a dispatch for each plane, or for a group of planes at once.
 pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
-    bound.each_plane(recorder, "primary", |p: &Plane| &p.primary, |l| &l.primary, targets.listed(TileList::Seen))
+    let planes = targets.planes_a_group as usize;
+    let together = bound.pipelines.samples_together.min(planes);
+    recorder.span("primary", |recorder| {
+        for (group, bindings) in bound.groups.iter().enumerate() {
+            for first in (0..planes).step_by(together) {
+                let push = [(group * planes + first) as u32, 0];
+                let (pipeline, tiles) = (&bound.pipelines.primary, targets.listed(TileList::Seen));
+                recorder.dispatch_indirect_at(pipeline, &bindings.primary, bytemuck::bytes_of(&push), tiles)?;
+            }
+        }
+        Ok(())
+    })
 }

@@ -186,11 +186,11 @@ impl Targets {
     }
 }
 
-/// Planes that lie side by side: a few, so that no invocation looks at too many samples, as many in each group, and no buffer beyond
+/// Planes that lie side by side: at most four, which one invocation may trace together, as many in each group, and no buffer beyond
 /// the device's limit.
 fn planes_a_group(samples: u32, plane_bytes: u64, limit_bytes: u64) -> u32 {
     let fits = |planes: &u32| samples.is_multiple_of(*planes) && plane_bytes * u64::from(*planes) <= limit_bytes;
-    (2..=5).rev().find(fits).unwrap_or(1)
+    (2..=4).rev().find(fits).unwrap_or(1)
 }
 
 #[cfg(test)]
@@ -200,7 +200,7 @@ mod tests {
     #[test]
     fn groups_are_even_and_within_the_limit() {
         let at_most = |samples, limit| planes_a_group(samples, 8 << 20, limit);
-        assert_eq!([1, 4, 9, 16, 25, 36, 49, 256].map(|s| at_most(s, 128 << 20)), [1, 4, 3, 4, 5, 4, 1, 4]);
+        assert_eq!([1, 4, 9, 16, 25, 36, 49, 256].map(|s| at_most(s, 128 << 20)), [1, 4, 3, 4, 1, 4, 1, 4]);
         assert_eq!([4, 9, 16].map(|s| at_most(s, 20 << 20)), [2, 1, 2]);
     }
 }
