@@ -87,18 +87,29 @@ void traverse_mesh(Beam b, float t_min, uint instance, InstanceWords words, inou
     int top = 0;
     uvec2 group = uvec2(0u, ROOT);
     while (true) {
-        count_step();
-        uint child = next_child(group, octant4);
-        if ((group.y & NODE_BITS) != 0u) {
-            stack[top++] = group;
+        // Down to a node with triangles, or until nothing is left: the nearest child of the group; its own children become the group, and
+        // this one waits. Where the group is done, the one on top of the stack is next.
+        uvec2 primitives;
+        while (true) {
+            count_step();
+            uint child = next_child(group, octant4);
+            if ((group.y & NODE_BITS) != 0u) {
+                stack[top++] = group;
+            }
+            int at = first_node + int(child) * 5;
+            uvec4 n0 = texelFetch(blas_nodes, at);
+            uvec4 n1 = texelFetch(blas_nodes, at + 1);
+            uint mask = intersect_node(n0, n1, texelFetch(blas_nodes, at + 2), texelFetch(blas_nodes, at + 3),
+                                       texelFetch(blas_nodes, at + 4), slabs, octant4, t_min, farthest);
+            group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
+            primitives = uvec2(n1.y, mask & ~NODE_BITS);
+            if ((group.y & NODE_BITS) == 0u && top > 0) {
+                group = stack[--top];
+            }
+            if (primitives.y != 0u || (group.y & NODE_BITS) == 0u) {
+                break;
+            }
         }
-        int at = first_node + int(child) * 5;
-        uvec4 n0 = texelFetch(blas_nodes, at);
-        uvec4 n1 = texelFetch(blas_nodes, at + 1);
-        uint mask = intersect_node(n0, n1, texelFetch(blas_nodes, at + 2), texelFetch(blas_nodes, at + 3),
-                                   texelFetch(blas_nodes, at + 4), slabs, octant4, t_min, farthest);
-        group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
-        uvec2 primitives = uvec2(n1.y, mask & ~NODE_BITS);
 
         while (true) {
             count_step();
@@ -126,12 +137,7 @@ void traverse_mesh(Beam b, float t_min, uint instance, InstanceWords words, inou
         }
         farthest = most(hits.t);
 
-        bool more = (group.y & NODE_BITS) != 0u;
-        if (!more && top > 0) {
-            group = stack[--top];
-            more = true;
-        }
-        if (!more) {
+        if ((group.y & NODE_BITS) == 0u) {
             break;
         }
     }

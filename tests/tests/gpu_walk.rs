@@ -1,7 +1,7 @@
 //! However rays are walked, they find the same: to the bit, in every layer.
 #![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
-use std::sync::Arc;
+use std::{f64::consts::FRAC_1_SQRT_2, sync::Arc};
 
 use glam::{DVec3, UVec2};
 use lantern_render::{Layer, Settings, Walk};
@@ -27,7 +27,7 @@ fn seen(scene: &Arc<Scene>, stand: Stand, eye_m: DVec3, settings: Settings) -> (
 /// depend on the order of a walk.
 fn corner() -> Arc<Scene> {
     let wall = |name: &str| {
-        json!({"add": {"node": name, "uri": "lantern:quad", "scale": [3, 1, 3], "rotation": [0.70710678, 0, 0, 0.70710678],
+        json!({"add": {"node": name, "uri": "lantern:quad", "scale": [3, 1, 3], "rotation": [FRAC_1_SQRT_2, 0, 0, FRAC_1_SQRT_2],
                        "translation_m": [0, 0, -1]}})
     };
     scene_of(json!([
@@ -54,7 +54,8 @@ fn beams_find_what_single_rays_find() {
     ];
     for stand in stands {
         for samples in [1, 4, 9] {
-            let of = |beams| Settings { samples, blend: false, walk: Walk { beams: Some(beams) }, ..Settings::default() };
+            let of =
+                |beams| Settings { samples, blend: false, walk: Walk { beams: Some(beams) }, ..Settings::default() };
             let (alone, rays) = seen(&corner(), stand, eye_m, of(false));
             assert_eq!(rays, samples * size_px.x * size_px.y);
             assert_eq!(seen(&corner(), stand, eye_m, of(true)), (alone, rays), "{samples} samples");
