@@ -118,7 +118,7 @@ impl Pipelines {
 }
 
 /// Four where a core does an invocation's work: it then does most of it once for all four. One where thousands of invocations must be
-/// in flight, whose registers four rays would take.
+/// in flight, whose registers four rays would take, or where the device walks its own structures.
 fn samples_together(device: &Device, walk: Walk) -> usize {
-    if walk.beams.unwrap_or(device.info().kind == "cpu") { 4 } else { 1 }
+    if walk.beams.unwrap_or(device.info().kind == "cpu" && !device.has_ray_queries()) { 4 } else { 1 }
 }
