@@ -65,7 +65,7 @@ fn requests_are_requests_and_replies_are_theirs() {
 #[test]
 fn edits_and_status_are_what_they_say() {
     let count = |wanted| blocks().iter().filter(|(fence, _)| *fence == wanted).count();
-    assert_eq!((count("json edits"), count("json status")), (1, 1));
+    assert_eq!((count("json edits"), count("json status")), (2, 1));
     for (fence, text) in blocks() {
         match fence {
             "json edits" => drop(serde_json::from_str::<Vec<Edit>>(text).unwrap()),
