@@ -40,6 +40,7 @@ layout(std140, binding = 12) uniform Frame {
     uint planes_a_group;      // sample planes that a buffer of hits holds
     uint shade_once;          // 0: every sample of every pixel is shaded
     uint pattern;             // what is shown instead of the scene; one of the PATTERN_ constants
+    uint environment_first;   // texel
 } frame;
 
 #endif

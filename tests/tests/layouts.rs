@@ -216,6 +216,7 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
         planes_a_group,
         shade_once,
         pattern,
+        environment_first,
         pad,
     });
     let texture = members!(GpuTexture { first_texel, width, height, flags });

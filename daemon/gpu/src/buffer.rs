@@ -156,7 +156,12 @@ impl Buffer {
         if kind.usage().contains(BufferKind::BY_ADDRESS) {
             device.ray_queries()?;
         }
-        let info = vk::BufferCreateInfo::default().size(raw_bytes).usage(kind.usage());
+        // Where uploads have a queue of another family, both may touch every buffer without handing it over. For buffers that
+        // costs nothing on the drivers that have such families, and a hand-over would be a barrier on either side of each slice.
+        let mut info = vk::BufferCreateInfo::default().size(raw_bytes).usage(kind.usage());
+        if device.families.len() > 1 {
+            info = info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&device.families);
+        }
         // SAFETY: size and usage are valid; the new object is named before anyone else has it.
         let raw = unsafe {
             let raw = device

@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use crate::cache::PipelineCache;
 use crate::error::GpuError;
+use crate::families;
 use crate::handle::{DeviceHandle, Limits};
-use crate::info::{self, DeviceInfo};
+use crate::info::DeviceInfo;
 use crate::instance::Instance;
 use crate::queue::Queue;
 use crate::ray_query::RayTracing;
@@ -32,7 +33,9 @@ pub struct Work {
 /// An opened device.
 pub struct Device {
     pub(crate) handle: Arc<DeviceHandle>,
+    /// Those of projectors, and then that of uploads, where they have one of their own.
     pub(crate) queues: Vec<Queue>,
+    pub(crate) projector_queues: usize,
     pub(crate) release: Arc<Release>,
     pub(crate) cache: PipelineCache,
     pub(crate) work: Mutex<Work>,
@@ -81,16 +84,30 @@ impl Device {
         let gone =
             || GpuError::Unsupported { device: info.name.clone(), missing: "a place in the list: it is gone".into() };
         let physical = physical.ok_or_else(gone)?;
-        let (family, family_info) = info::serving_family(instance, physical).ok_or_else(gone)?;
+        let of = families::all(instance, physical);
+        let serving = families::serving(&of).ok_or_else(gone)?;
+        let transfer = families::transfer(&of);
 
-        let count = compute_queues.max(1).min(family_info.queue_count);
+        let count = compute_queues.max(1).min(serving.count);
         let ray_queries = select::takes_ray_queries(&info, ray_tracing)?;
-        let handle = DeviceHandle::create(instance, physical, info, (family, family_info), count, ray_queries)?;
-        let queues = Queue::all(&handle, family, count)?;
+        let handle = DeviceHandle::create(instance, physical, info, (serving, transfer), count, ray_queries)?;
+        let mut queues = Queue::all(&handle, serving.index, count)?;
+        if let Some(family) = transfer {
+            queues.extend(Queue::all(&handle, family.index, 1)?);
+        }
         let cache = PipelineCache::open(&handle, cache_dir)?;
         let cache_bytes = cache.loaded_bytes();
-        tracing::info!(device = handle.info.name, queues = count, ray_queries, cache_bytes, "device opened");
-        Ok(Arc::new(Device { handle, queues, release: Arc::default(), cache, work: Mutex::default() }))
+        let uploads = transfer.map_or("on the projectors' first queue", |_| "on a queue of their own");
+        tracing::info!(device = handle.info.name, queues = count, uploads, ray_queries, cache_bytes, "device opened");
+        let projector_queues = count as usize;
+        Ok(Arc::new(Device {
+            handle,
+            queues,
+            projector_queues,
+            release: Arc::default(),
+            cache,
+            work: Mutex::default(),
+        }))
     }
 
     /// What the device is and can do.
@@ -110,18 +127,28 @@ impl Device {
 
     /// Whether projector `i` of `projectors` has its queue with another one.
     pub fn shares_queue(&self, i: usize, projectors: usize) -> bool {
-        let queues = self.queues.len();
+        let queues = self.projector_queues;
         (0..projectors).any(|other| other != i && other % queues == i % queues)
     }
 
     /// The queue of projector `i`: where there are fewer queues than projectors, they take turns.
     pub fn queue(&self, i: usize) -> &Queue {
-        &self.queues[i % self.queues.len()]
+        &self.queues[i % self.projector_queues]
     }
 
-    /// How many queues were opened.
+    /// How many queues were opened for projectors.
     pub fn queue_count(&self) -> usize {
-        self.queues.len()
+        self.projector_queues
+    }
+
+    /// The queue of uploads: one for copies alone where the device has such a family, else the first projector's.
+    pub fn upload_queue(&self) -> &Queue {
+        &self.queues[self.upload_at()]
+    }
+
+    /// Its place among all queues.
+    pub(crate) fn upload_at(&self) -> usize {
+        if self.queues.len() > self.projector_queues { self.projector_queues } else { 0 }
     }
 
     /// Bytes of device and mapped memory that live buffers and images take.
@@ -172,9 +199,8 @@ impl Device {
         &self.release
     }
 
-    /// A mark for a new recording on queue `i`.
-    pub(crate) fn ticket(&self, i: usize) -> Arc<Ticket> {
-        let at = i % self.queues.len();
+    /// A mark for a new recording on the queue at a place among all.
+    pub(crate) fn ticket(&self, at: usize) -> Arc<Ticket> {
         Ticket::new(at, Arc::clone(&self.queues[at].timeline))
     }
 }

@@ -18,6 +18,8 @@ pub(crate) struct Encoder {
     /// Null where the queue family has no timestamps.
     pub(crate) queries: vk::QueryPool,
     pool: vk::CommandPool,
+    /// Whose queues it records for.
+    pub(crate) family: u32,
 }
 
 impl Encoder {
@@ -30,11 +32,12 @@ impl Encoder {
             commands: vk::CommandBuffer::null(),
             queries: vk::QueryPool::null(),
             pool: vk::CommandPool::null(),
+            family,
         };
         let pool_info = vk::CommandPoolCreateInfo::default()
             .flags(vk::CommandPoolCreateFlags::TRANSIENT)
             .queue_family_index(family);
-        // SAFETY: the family is the one that the device was opened with; one buffer is taken from the new pool.
+        // SAFETY: the family is one that the device was opened with; one buffer is taken from the new pool.
         unsafe {
             encoder.pool = device.raw.create_command_pool(&pool_info, None).map_err(refused)?;
             let info = vk::CommandBufferAllocateInfo::default()
@@ -44,7 +47,8 @@ impl Encoder {
             let buffers = device.raw.allocate_command_buffers(&info).map_err(refused)?;
             encoder.commands = buffers.first().copied().unwrap_or_default();
         }
-        if device.limits.timestamp_period_ns > 0.0 {
+        // Queries are the projectors' queues' alone: one for copies can neither reset them nor, often, tell the time.
+        if device.limits.timestamp_period_ns > 0.0 && device.families.first() == Some(&family) {
             let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(QUERIES);
             // SAFETY: a pool of timestamps, which this queue family has.
             encoder.queries = unsafe { device.raw.create_query_pool(&info, None) }.map_err(refused)?;

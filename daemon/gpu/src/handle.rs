@@ -8,6 +8,7 @@ use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
 
 use crate::error::GpuError;
+use crate::families::Family;
 use crate::features::Features;
 use crate::info::DeviceInfo;
 use crate::instance::Instance;
@@ -74,6 +75,8 @@ pub(crate) struct DeviceHandle {
     /// Where the device was opened with them.
     ray_queries: Option<RayQueries>,
     pub(crate) physical: vk::PhysicalDevice,
+    /// Of all queues that were opened, by index, each once: the projectors' first.
+    pub(crate) families: Vec<u32>,
     /// None only while the handle is being dropped.
     pub(crate) allocator: Mutex<Option<Allocator>>,
     pub(crate) allocated_bytes: AtomicU64,
@@ -83,18 +86,19 @@ pub(crate) struct DeviceHandle {
 }
 
 impl DeviceHandle {
-    /// Creates the logical device with `queues` queues of `family`, and with ray queries where they are wanted, which the
-    /// caller has found it to have.
+    /// Creates the logical device with `queues` queues of the first family, and one of the second, which is for uploads; and with
+    /// ray queries where they are wanted, which the caller has found it to have.
     pub(crate) fn create(
         instance: &Arc<Instance>,
         physical: vk::PhysicalDevice,
         info: DeviceInfo,
-        (family, family_info): (u32, vk::QueueFamilyProperties),
+        (serving, transfer): (Family, Option<Family>),
         queues: u32,
         wants_ray_queries: bool,
     ) -> Result<Arc<DeviceHandle>, GpuError> {
         let features = Features::query(instance, physical).enabled(wants_ray_queries);
-        let raw = create_raw(instance, physical, &features, (family, queues), wants_ray_queries, &info.name)?;
+        let raw =
+            create_raw(instance, physical, &features, (serving, transfer, queues), wants_ray_queries, &info.name)?;
 
         // From here on the device is owned by the handle, so that it is destroyed if the allocator cannot be made.
         let has_names = instance.has(ext::debug_utils::NAME);
@@ -102,11 +106,12 @@ impl DeviceHandle {
         let handle = DeviceHandle {
             instance: Arc::clone(instance),
             naming,
-            limits: limits(instance, physical, family_info.timestamp_valid_bits),
+            limits: limits(instance, physical, serving.timestamp_valid_bits),
             info,
             features,
             ray_queries: wants_ray_queries.then(|| RayQueries::new(instance, physical, &raw)),
             physical,
+            families: [Some(serving), transfer].into_iter().flatten().map(|family| family.index).collect(),
             allocator: Mutex::new(None),
             allocated_bytes: AtomicU64::new(0),
             gate: RwLock::new(()),
@@ -159,12 +164,16 @@ fn create_raw(
     instance: &Instance,
     physical: vk::PhysicalDevice,
     features: &Features,
-    (family, queues): (u32, u32),
+    (serving, transfer, queues): (Family, Option<Family>, u32),
     with_ray_queries: bool,
     name: &str,
 ) -> Result<ash::Device, GpuError> {
     let priorities = vec![1.0; queues as usize];
-    let queue_infos = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&priorities)];
+    let of = |family: Family, count: usize| {
+        vk::DeviceQueueCreateInfo::default().queue_family_index(family.index).queue_priorities(&priorities[..count])
+    };
+    let queue_infos: Vec<_> =
+        [Some(of(serving, queues as usize)), transfer.map(|family| of(family, 1))].into_iter().flatten().collect();
     let mut features = *features;
     let mut all = vk::PhysicalDeviceFeatures2::default()
         .features(features.core)
@@ -177,8 +186,8 @@ fn create_raw(
     if with_ray_queries {
         info = info.enabled_extension_names(&extensions).push_next(&mut structures).push_next(&mut queries);
     }
-    // SAFETY: the physical device is of this instance, has that many queues in that family, and has every feature
-    // and extension asked for; all that `info` points to lives until the call returns.
+    // SAFETY: the physical device is of this instance, has that many queues in these families, which differ, and
+    // has every feature and extension asked for; all that `info` points to lives until the call returns.
     unsafe { instance.raw().create_device(physical, &info, None) }
         .map_err(|result| GpuError::vulkan(format!("opening device {name:?}"), result))
 }

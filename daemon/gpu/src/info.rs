@@ -6,6 +6,7 @@ use std::ffi::{CStr, c_char};
 use ash::{ext, khr, vk};
 
 use crate::error::GpuError;
+use crate::families::{self, Family};
 use crate::features::Features;
 use crate::instance::{Instance, version_text};
 use crate::ray_query;
@@ -29,6 +30,10 @@ pub struct DeviceInfo {
     pub api_version: String,
     /// Its queue families.
     pub queue_families: Vec<QueueFamily>,
+    /// The family whose queues the projectors have, by its index.
+    pub projector_family: Option<u32>,
+    /// The family that uploads go through beside the frames: one for copies alone. None: they share the projectors' first queue.
+    pub upload_family: Option<u32>,
     /// The displays that are wired to it, where the driver lists them.
     pub displays: Vec<Display>,
     /// Optional abilities by name, and whether it has them.
@@ -107,6 +112,7 @@ impl Instance {
 pub(crate) fn query(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> DeviceInfo {
     // SAFETY: the device is one that this instance listed, here and in the calls below.
     let core = unsafe { instance.raw().get_physical_device_properties(device) };
+    let of = families::all(instance, device);
     let mut info = DeviceInfo {
         index,
         name: text(core.device_name_as_c_str().ok()),
@@ -114,7 +120,9 @@ pub(crate) fn query(instance: &Instance, device: vk::PhysicalDevice, index: usiz
         api_version: version_text(core.api_version),
         max_storage_buffer_bytes: u64::from(core.limits.max_storage_buffer_range),
         max_texel_buffer_elements: u64::from(core.limits.max_texel_buffer_elements),
-        queue_families: queue_families(instance, device),
+        queue_families: queue_families(&of),
+        projector_family: families::serving(&of).map(|family| family.index),
+        upload_family: families::transfer(&of).map(|family| family.index),
         memory_heaps: memory_heaps(instance, device),
         ..Default::default()
     };
@@ -136,32 +144,15 @@ pub(crate) fn query(instance: &Instance, device: vk::PhysicalDevice, index: usiz
 
     let features = Features::query(instance, device);
     info.lacks = features.missing();
-    if serving_family(instance, device).is_none() {
+    if families::serving(&of).is_none() {
         info.lacks.push("a queue for graphics and compute");
     }
     info.displays = displays(instance, device);
-    info.abilities = abilities(instance, device, &features, &core.limits);
+    info.abilities = abilities(instance, device, &of, &features, &core.limits);
     info
 }
 
-/// The family whose queues serve here (graphics, compute and so transfer) and how many queues it has: of several, the
-/// one with most, since every projector wants its own.
-pub(crate) fn serving_family(
-    instance: &Instance,
-    device: vk::PhysicalDevice,
-) -> Option<(u32, vk::QueueFamilyProperties)> {
-    // SAFETY: the device is one that this instance listed.
-    let families = unsafe { instance.raw().get_physical_device_queue_family_properties(device) };
-    let wanted = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
-    (0u32..)
-        .zip(families)
-        .filter(|(_, family)| family.queue_flags.contains(wanted) && family.queue_count > 0)
-        .max_by_key(|(index, family)| (family.queue_count, std::cmp::Reverse(*index)))
-}
-
-fn queue_families(instance: &Instance, device: vk::PhysicalDevice) -> Vec<QueueFamily> {
-    // SAFETY: the device is one that this instance listed.
-    let families = unsafe { instance.raw().get_physical_device_queue_family_properties(device) };
+fn queue_families(of: &[Family]) -> Vec<QueueFamily> {
     let words = [
         (vk::QueueFlags::GRAPHICS, "graphics"),
         (vk::QueueFlags::COMPUTE, "compute"),
@@ -174,9 +165,8 @@ fn queue_families(instance: &Instance, device: vk::PhysicalDevice) -> Vec<QueueF
     ];
     let flags =
         |given: vk::QueueFlags| words.iter().filter(|(flag, _)| given.contains(*flag)).map(|(_, word)| *word).collect();
-    (0u32..)
-        .zip(families)
-        .map(|(index, family)| QueueFamily { index, flags: flags(family.queue_flags), count: family.queue_count })
+    of.iter()
+        .map(|family| QueueFamily { index: family.index, flags: flags(family.flags), count: family.count })
         .collect()
 }
 
@@ -222,6 +212,7 @@ fn displays(instance: &Instance, device: vk::PhysicalDevice) -> Vec<Display> {
 fn abilities(
     instance: &Instance,
     device: vk::PhysicalDevice,
+    of: &[Family],
     features: &Features,
     limits: &vk::PhysicalDeviceLimits,
 ) -> BTreeMap<&'static str, bool> {
@@ -229,7 +220,7 @@ fn abilities(
     let listed = unsafe { instance.raw().enumerate_device_extension_properties(device) }.unwrap_or_default();
     let has = |name: &CStr| listed.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name));
     let on = |feature: vk::Bool32| feature == vk::TRUE;
-    let timestamps = serving_family(instance, device).is_some_and(|(_, family)| family.timestamp_valid_bits > 0);
+    let timestamps = families::serving(of).is_some_and(|family| family.timestamp_valid_bits > 0);
     BTreeMap::from([
         ("acceleration_structure", has(khr::acceleration_structure::NAME)),
         ("calibrated_timestamps", has(ext::calibrated_timestamps::NAME) || has(khr::calibrated_timestamps::NAME)),

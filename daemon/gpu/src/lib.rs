@@ -25,6 +25,7 @@ mod command;
 mod device;
 mod encoder;
 mod error;
+mod families;
 mod features;
 mod handle;
 mod history;
@@ -50,7 +51,7 @@ mod validation;
 
 pub use binding::{Bindings, Resource};
 pub use buffer::{Buffer, BufferKind, TexelFormat};
-pub use command::{Commands, Draws, Load, Recorder};
+pub use command::{Commands, CopyRegion, Draws, Load, Recorder};
 pub use device::{Device, Work};
 pub use error::GpuError;
 pub use handle::Limits;

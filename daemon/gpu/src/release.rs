@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use crate::encoder::Encoder;
 use crate::error::GpuError;
 use crate::ticket::Timeline;
-use crate::timestamp::{self, Span, TimedSpan};
+use crate::timestamp::{self, Span, Times};
 
 /// Encoders kept for reuse; more are made when more recordings are alive at once, and dropped afterwards.
 const SPARE_ENCODERS: usize = 64;
@@ -24,7 +24,7 @@ pub(crate) struct Parked {
     pub(crate) kept: Vec<Kept>,
     pub(crate) spans: Vec<Span>,
     /// Where its times are told.
-    pub(crate) times: Arc<OnceLock<Vec<TimedSpan>>>,
+    pub(crate) times: Arc<OnceLock<Times>>,
 }
 
 /// The parking place of a device. Parked objects do not know it, so that the two never keep each other alive.
@@ -39,9 +39,11 @@ impl Release {
         self.parked.lock().unwrap_or_else(PoisonError::into_inner).push(work);
     }
 
-    /// An encoder to use again, if there is one.
-    pub(crate) fn take_spare(&self) -> Option<Encoder> {
-        self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop()
+    /// An encoder for queues of a family to use again, if there is one.
+    pub(crate) fn take_spare(&self, family: u32) -> Option<Encoder> {
+        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        let at = spare.iter().rposition(|encoder| encoder.family == family)?;
+        Some(spare.swap_remove(at))
     }
 
     /// Takes an encoder back.

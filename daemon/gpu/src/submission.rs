@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::error::GpuError;
 use crate::release::Release;
 use crate::ticket::Timeline;
-use crate::timestamp::TimedSpan;
+use crate::timestamp::{Times, signed_ms_between};
 
 /// Submitted work, to wait for. Dropping it lets the work go on; what that uses lives until it has completed.
 #[derive(Clone)]
@@ -17,7 +17,7 @@ pub struct Submission {
     pub(crate) timeline: Arc<Timeline>,
     pub(crate) value: u64,
     pub(crate) release: Arc<Release>,
-    pub(crate) times: Arc<OnceLock<Vec<TimedSpan>>>,
+    pub(crate) times: Arc<OnceLock<Times>>,
 }
 
 impl std::fmt::Debug for Submission {
@@ -49,6 +49,13 @@ impl Submission {
     /// Its spans in the order of their ends: name, beginning and end, in ms since it began on the device. Empty until
     /// it was waited for, and on a device without timestamps.
     pub fn spans(&self) -> Vec<(&'static str, f64, f64)> {
-        self.times.get().cloned().unwrap_or_default()
+        self.times.get().map(|times| times.spans.clone()).unwrap_or_default()
+    }
+
+    /// How long after another submission it began, ms, by the device's clock; negative where it began before it. None until
+    /// both were waited for, and for those without spans.
+    pub fn began_after_ms(&self, other: &Submission) -> Option<f64> {
+        let (began, origin) = (self.times.get()?.began?, other.times.get()?.began?);
+        Some(signed_ms_between(&self.timeline.device().limits, origin, began))
     }
 }

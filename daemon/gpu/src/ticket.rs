@@ -9,6 +9,9 @@ use ash::vk;
 use crate::error::GpuError;
 use crate::handle::DeviceHandle;
 
+/// How long a refused submission waits for those before it.
+const SKIP_PATIENCE: Duration = Duration::from_secs(60);
+
 /// The timeline semaphore of a queue: submission n sets it to n once it and all before it have completed.
 pub(crate) struct Timeline {
     device: Arc<DeviceHandle>,
@@ -65,6 +68,21 @@ impl Timeline {
             }
             Err(vk::Result::TIMEOUT) => Ok(false),
             Err(result) => Err(GpuError::vulkan("waiting for a queue", result)),
+        }
+    }
+
+    /// Sets the value from the host, where the submission that was to do so was refused: nobody shall wait for it for ever. A
+    /// device that cannot even do this is lost, and ends all waits itself.
+    pub(crate) fn skip_to(&self, submitted: u64, value: u64) {
+        // What was submitted before still counts up, and a timeline never goes back.
+        if let Err(error) = self.wait(submitted, SKIP_PATIENCE) {
+            tracing::error!(%error, value, "a queue's timeline stands still");
+            return;
+        }
+        let info = vk::SemaphoreSignalInfo::default().semaphore(self.raw).value(value);
+        // SAFETY: the semaphore lives and is a timeline; its queue has taken no submission of this value, nor of a later one.
+        if let Err(result) = unsafe { self.device.raw.signal_semaphore(&info) } {
+            tracing::error!(?result, value, "a queue's timeline stands still");
         }
     }
 

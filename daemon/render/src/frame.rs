@@ -48,8 +48,8 @@ pub struct GpuFrame {
     pub shade_once: u32,
     /// What is shown instead of the scene: a [`Pattern`](crate::Pattern).
     pub pattern: u32,
-    /// Zero; the block's size is a multiple of 16 bytes.
-    pub pad: u32,
+    /// First texel of the environment's level 0.
+    pub environment_first: u32,
 }
 
 impl GpuFrame {
@@ -85,7 +85,7 @@ impl GpuFrame {
             planes_a_group: 1,
             shade_once: u32::from(settings.shades_once()),
             pattern: 0,
-            pad: 0,
+            environment_first: 0,
         }
     }
 }

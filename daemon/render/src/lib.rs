@@ -7,6 +7,8 @@
 //!
 //! A pass knows the buffers it reads and writes, not who asked; [`projector`] knows their order, [`renderer`] a device's projectors.
 
+mod arena;
+mod block;
 mod bound;
 mod catalogue;
 mod error;
@@ -22,6 +24,7 @@ mod scene_buffers;
 mod settings;
 pub mod shaders;
 pub mod stale;
+mod store;
 mod structures;
 mod targets;
 pub mod tile_lists;
@@ -38,10 +41,11 @@ pub mod resolve;
 pub mod secondary;
 pub mod tiles;
 
+pub use block::bytes_beyond;
 pub use error::RenderError;
 pub use frame::{GpuFrame, MAX_VIEWERS};
 pub use pattern::Pattern;
 pub use readback::{Layer, LayerImage, Texels};
 pub use record::{RayKind, RecordHead, Recorded, RecordedRay};
-pub use renderer::{FrameReport, ProjectorReport, RayCounts, Renderer};
+pub use renderer::{FrameReport, ProjectorReport, RayCounts, Renderer, Span, UPLOAD_BYTES_A_FRAME};
 pub use settings::{ProjectorSpec, RasterOrder, Settings, Walk};

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use lantern_calibration::{Frustum, GpuFrustum};
-use lantern_gpu::{Buffer, BufferKind, Commands, Device, GpuError, Recorder};
+use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder};
 use lantern_scene::Scene;
 
 use crate::bound::Bound;
@@ -88,56 +88,53 @@ impl Projector {
 
     /// Records what is stale and needs nothing of another projector's: what each pixel lands on, and where its light ends.
     pub(crate) fn record_seen(
-        &mut self,
-        device: &Arc<Device>,
+        &self,
+        recorder: &mut Recorder,
         settings: &Settings,
         moved: &MovedTable,
-    ) -> Result<Option<Commands>, GpuError> {
-        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.primary.any()) else { return Ok(None) };
-        let mut recorder = Recorder::new(device, self.queue, &self.spec.name)?;
+    ) -> Result<(), GpuError> {
+        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.primary.any()) else { return Ok(()) };
         if !self.state_written {
             let words = sample_state(&self.spec.name, settings.samples);
             recorder.upload(&self.targets.sample_state, 0, bytemuck::cast_slice(&words))?;
         }
         recorder.fill(&self.targets.counters, 0)?;
-        tiles::record(&mut recorder, bound, &self.targets, self.stale, moved)?;
-        primary::record(&mut recorder, bound, &self.targets)?;
+        tiles::record(recorder, bound, &self.targets, self.stale, moved)?;
+        primary::record(recorder, bound, &self.targets)?;
         if settings.blend {
-            edges::record(&mut recorder, bound, &self.targets)?;
+            edges::record(recorder, bound, &self.targets)?;
         }
-        recorder.finish().map(Some)
+        Ok(())
     }
 
     /// Records the rest of what is stale, in the order in which each pass reads the last one's buffers. Every projector's
     /// [`Projector::record_seen`] comes before any of these, since weights read the others' occlusion edges.
     pub(crate) fn record_shown(
-        &mut self,
-        device: &Arc<Device>,
+        &self,
+        recorder: &mut Recorder,
         settings: &Settings,
         index: usize,
         moved: &MovedTable,
-    ) -> Result<Option<Commands>, GpuError> {
-        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.any()) else { return Ok(None) };
+    ) -> Result<(), GpuError> {
+        let Some(bound) = self.bound.as_ref().filter(|_| self.stale.any()) else { return Ok(()) };
         let (stale, targets) = (self.stale, &self.targets);
-        let mut recorder = Recorder::new(device, self.queue, &self.spec.name)?;
         if !stale.primary.any() {
             recorder.fill(&targets.counters, 0)?;
             if stale.any_tiles() {
-                tiles::record(&mut recorder, bound, targets, stale, moved)?;
+                tiles::record(recorder, bound, targets, stale, moved)?;
             }
         }
         if stale.light.any() {
-            light::record(&mut recorder, bound, targets)?;
-            secondary::record_lists(&mut recorder, bound, targets)?;
+            light::record(recorder, bound, targets)?;
+            secondary::record_lists(recorder, bound, targets)?;
         }
         if stale.weight.any() {
-            blend::record(&mut recorder, bound, targets, index, settings.blend)?;
+            blend::record(recorder, bound, targets, index, settings.blend)?;
         }
         if stale.look {
-            secondary::record(&mut recorder, bound, targets, settings)?;
+            secondary::record(recorder, bound, targets, settings)?;
         }
-        recorder.span("composite", |recorder| self.record_composite(recorder, bound, settings))?;
-        recorder.finish().map(Some)
+        recorder.span("composite", |recorder| self.record_composite(recorder, bound, settings))
     }
 
     /// Where nothing is rasterised one composite serves the pixel. Otherwise every stratum is composited on its own, so that
@@ -154,6 +151,11 @@ impl Projector {
         Ok(())
     }
 
+    /// A recording for its queue.
+    pub(crate) fn recorder(&self, device: &Arc<Device>) -> Result<Recorder, GpuError> {
+        Recorder::new(device, self.queue, &self.spec.name)
+    }
+
     /// Writes the block that the recorded passes read. Called as late as the newest pose allows: right before the submission.
     pub(crate) fn write_frame(
         &mut self,
@@ -161,6 +163,7 @@ impl Projector {
         viewers: &[DVec3],
         settings: &Settings,
         index: (usize, usize),
+        environment_first: u32,
     ) -> Result<(), GpuError> {
         if self.stale.look {
             self.shown_viewers = viewers.to_vec();
@@ -170,6 +173,7 @@ impl Projector {
         let frame = GpuFrame {
             pattern,
             planes_a_group: self.targets.planes_a_group,
+            environment_first,
             ..GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index)
         };
         self.targets.frame.write(0, bytemuck::bytes_of(&frame))

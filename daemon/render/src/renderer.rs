@@ -7,11 +7,11 @@ use std::time::Instant;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use lantern_calibration::GpuFrustum;
-use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder, Submission};
+use lantern_gpu::{Buffer, BufferKind, Commands, Device, GpuError, Recorder, Submission};
 use lantern_scene::{Role, Scene, changes, moved};
 
 use crate::catalogue::Catalogue;
-use crate::moved::MovedBoxes;
+use crate::moved::{MovedBoxes, MovedTable};
 use crate::pattern::Pattern;
 use crate::pipelines::{Features, Pipelines};
 use crate::projector::Projector;
@@ -53,6 +53,20 @@ pub struct ProjectorReport {
     pub stale: Stale,
     /// Rays, where [`Settings::count_rays`] asks for them.
     pub rays: Option<RayCounts>,
+    /// When each pass ran on the device. Empty on a device without timestamps.
+    pub timeline: Vec<Span>,
+}
+
+/// When a pass ran, ms since the frame's first work began on the device. One clock serves all queues, so that what overlaps here
+/// did so there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Span {
+    /// Which.
+    pub pass: &'static str,
+    /// When everything before it had ended.
+    pub start_ms: f64,
+    /// When it had.
+    pub end_ms: f64,
 }
 
 /// A frame that was rendered.
@@ -62,7 +76,15 @@ pub struct FrameReport {
     pub revision: u64,
     /// One for each projector that had something to do.
     pub projectors: Vec<ProjectorReport>,
+    /// Bytes of meshes, images and environments that were sent beside it.
+    pub uploaded_bytes: u64,
 }
+
+/// What is uploaded beside one frame at most, bytes: a few milliseconds' worth on a software driver, a fraction of one elsewhere.
+pub const UPLOAD_BYTES_A_FRAME: u64 = 4 << 20;
+
+/// The same before the first frame. It bounds the memory of the host that uploads pass through.
+const FIRST_SLICE_BYTES: u64 = 16 << 20;
 
 /// Renders for the projectors of one device.
 pub struct Renderer {
@@ -71,9 +93,19 @@ pub struct Renderer {
     pipelines: BTreeMap<Features, Arc<Pipelines>>,
     settings: Settings,
     scene_buffers: SceneBuffers,
+    /// What is shown.
     scene: Arc<Scene>,
     /// Where things have moved that were not yet shown so.
     moved: MovedBoxes,
+    /// What is to be shown as soon as all of it is on the device.
+    pending: Option<Arc<Scene>>,
+    /// What is to be brought to the device and not shown yet.
+    prepared: Vec<Arc<Scene>>,
+    /// Whether what is wanted on the device has changed since it was last asked for.
+    wants_changed: bool,
+    /// Whether anything was ever shown: before, nothing has to go on meanwhile.
+    has_shown: bool,
+    upload_budget_bytes: u64,
     projectors: Vec<Projector>,
     /// Every projector's frustum, which the blend pass of each reads.
     frusta: Arc<Buffer>,
@@ -108,6 +140,11 @@ impl Renderer {
             scene_buffers: SceneBuffers::new(device)?,
             scene,
             moved: MovedBoxes::default(),
+            pending: None,
+            prepared: Vec::new(),
+            wants_changed: true,
+            has_shown: false,
+            upload_budget_bytes: UPLOAD_BYTES_A_FRAME,
             frusta: frusta_buffer(device, projectors.len())?,
             frusta_written: false,
             projectors,
@@ -125,7 +162,7 @@ impl Renderer {
         &self.settings
     }
 
-    /// The scene that the next frame shows.
+    /// The scene that is shown. Another one that was set takes its place once all of it is on the device.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
@@ -187,11 +224,65 @@ impl Renderer {
         Ok(())
     }
 
-    /// Takes another revision of the scene for the next frame.
+    /// Takes another revision of the scene, instead of any that was taken and is not shown yet. The next frame shows it where at
+    /// most a slice has to be uploaded; else frames go on showing the one before until all of it is on the device.
     pub fn set_scene(&mut self, scene: Arc<Scene>) {
-        if Arc::ptr_eq(&self.scene, &scene) {
-            return;
+        let asked_for = self.pending.as_ref().unwrap_or(&self.scene);
+        if !Arc::ptr_eq(asked_for, &scene) {
+            self.pending = if Arc::ptr_eq(&self.scene, &scene) { None } else { Some(scene) };
+            self.wants_changed = true;
         }
+    }
+
+    /// Whether a scene was set that is not shown yet.
+    pub fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Brings what these scenes hold to the device, beside the frames, and keeps it there as long as they are among those given
+    /// last. A revision made of it can then be shown at once, and none that comes in between has to wait.
+    ///
+    /// # Errors
+    /// A buffer that the device cannot make; then those given before stay.
+    pub fn prepare(&mut self, scenes: Vec<Arc<Scene>>) -> Result<(), RenderError> {
+        let before = std::mem::replace(&mut self.prepared, scenes);
+        if let Err(error) = self.want() {
+            self.prepared = before;
+            return Err(error.into());
+        }
+        Ok(())
+    }
+
+    /// Asks for what is wanted on the device.
+    fn want(&mut self) -> Result<(), GpuError> {
+        let scenes = [&self.scene].into_iter().chain(&self.pending).chain(&self.prepared);
+        self.scene_buffers.want(scenes)?;
+        self.wants_changed = false;
+        Ok(())
+    }
+
+    /// Whether all that a scene holds is on the device.
+    pub fn is_prepared(&self, scene: &Scene) -> bool {
+        self.scene_buffers.has(scene)
+    }
+
+    /// Whether uploads have yet to be made: [`Renderer::render`] goes on with them, whether or not anything is stale.
+    pub fn is_uploading(&self) -> bool {
+        self.pending.is_some() || self.wants_changed || self.scene_buffers.is_busy()
+    }
+
+    /// Bytes of device memory that the scene's buffers take.
+    pub fn scene_bytes(&self) -> u64 {
+        self.scene_buffers.bytes()
+    }
+
+    /// How much is uploaded beside one frame, bytes; for tests, whose scenes are small.
+    pub fn set_upload_budget(&mut self, bytes: u64) {
+        self.upload_budget_bytes = bytes;
+    }
+
+    /// Shows another revision, all of which is on the device.
+    fn switch_to(&mut self, scene: Arc<Scene>) {
         let mut stale = stale_by(&changes(&self.scene, &scene));
         if Features::of(&self.scene) != Features::of(&scene) {
             self.rebind = true;
@@ -267,86 +358,138 @@ impl Renderer {
                 projector.stale |= Change::Eye.makes_stale();
             }
         }
+        let (uploaded_bytes, sections) = self.upload()?;
         if !self.projectors.iter().any(|p| p.stale.any()) {
+            // No frame comes that would be waited for, and what was replaced is to go.
+            if let Some(sections) = sections {
+                sections.wait(HUNG_AFTER)?;
+            }
             return Ok(None);
         }
-        let uploaded = self.upload().inspect_err(|_| {
-            // Some buffers may be others already, so nothing that was bound before may be used again.
-            self.scene_buffers.forget();
-            self.rebind = true;
-        })?;
 
         // Everything is recorded before the pose is read, so that nothing but a small write lies between the two.
-        let (device, settings) = (&self.device, &self.settings);
         let moved = self.moved.table(self.projectors.iter().map(|p| &p.frustum), self.scene.origin_m);
-        let mut seen = Vec::new();
-        for projector in &mut self.projectors {
-            seen.push(projector.record_seen(device, settings, &moved)?);
-        }
-        let mut recorded = Vec::new();
-        for (index, (projector, seen)) in self.projectors.iter_mut().zip(seen).enumerate() {
-            if let Some(shown) = projector.record_shown(device, settings, index, &moved)? {
-                recorded.push((index, seen, shown));
-            }
-        }
+        let recorded = self.record_passes(&moved)?;
         let count = self.projectors.len();
+        let environment_first = self.scene_buffers.environment_first(&self.scene);
         let read = Instant::now();
         let viewers = newest_viewers();
-        for (index, ..) in &recorded {
-            self.projectors[*index].write_frame(&self.scene, &viewers, &self.settings, (*index, count))?;
+        for (index, projector) in self.projectors.iter_mut().enumerate().filter(|(_, p)| p.stale.any()) {
+            projector.write_frame(&self.scene, &viewers, &self.settings, (index, count), environment_first)?;
         }
-        let wait_for: Vec<&Submission> = uploaded.iter().collect();
         let begun = Instant::now();
-        let mut flying = Vec::new();
-        for (index, seen, shown) in recorded {
-            let seen = seen.map(|seen| self.device.submit(seen, &wait_for)).transpose()?;
-            flying.push((index, seen, shown));
-        }
-        let mut landing = Vec::new();
-        for (index, seen, shown) in flying {
-            let shown = self.device.submit(shown, &wait_for)?;
-            landing.push((index, seen, shown, read.elapsed()));
-        }
+        let (owners, commands): (Vec<usize>, Vec<Commands>) = recorded.into_iter().unzip();
+        let submissions = self.device.submit_all(commands, &[])?;
+        let pose_to_submit_ms = read.elapsed().as_secs_f64() * 1e3;
 
         // The frame is whole when the last projector's part of it is.
         let mut reports = Vec::new();
-        for (index, seen, shown, pose_to_submit) in landing {
-            shown.wait(HUNG_AFTER)?;
+        for index in 0..count {
+            let own: Vec<&Submission> =
+                owners.iter().zip(&submissions).filter(|(owner, _)| **owner == index).map(|(_, s)| s).collect();
+            let Some(last) = own.last() else { continue };
+            last.wait(HUNG_AFTER)?;
             let frame_ms = begun.elapsed().as_secs_f64() * 1e3;
+            let spans = own.iter().flat_map(|submission| submission.spans());
             reports.push(ProjectorReport {
                 projector: index,
                 frame_ms,
-                stages_ms: (seen.iter().chain([&shown]).flat_map(Submission::spans))
-                    .map(|(name, start, end)| (name, end - start))
-                    .collect(),
-                pose_to_submit_ms: pose_to_submit.as_secs_f64() * 1e3,
+                stages_ms: spans.map(|(name, start, end)| (name, end - start)).collect(),
+                pose_to_submit_ms,
                 stale: self.projectors[index].stale,
                 rays: None,
+                timeline: Vec::new(),
             });
-            self.projectors[index].done();
+        }
+        for report in &mut reports {
+            self.projectors[report.projector].done();
+            let own = owners.iter().zip(&submissions).filter(|(owner, _)| **owner == report.projector);
+            report.timeline = own.flat_map(|(_, submission)| timeline(&submissions, submission)).collect();
         }
         self.moved.clear();
+        self.has_shown = true;
         if self.settings.count_rays {
             for report in &mut reports {
                 let words = readback::read_words(&self.device, &self.projectors[report.projector].targets.counters)?;
                 report.rays = Some(bytemuck::cast_slice(&words)[0]);
             }
         }
-        Ok(Some(FrameReport { revision: self.scene.revision, projectors: reports }))
+        Ok(Some(FrameReport { revision: self.scene.revision, projectors: reports, uploaded_bytes }))
     }
 
-    /// Brings the scene's changed sections and the frusta to the device. `None` where nothing had to be.
-    fn upload(&mut self) -> Result<Option<Submission>, GpuError> {
-        let differs = self.scene_buffers.differs(&self.scene);
-        let mut submission = None;
-        if differs || !self.frusta_written {
-            let mut recorder = Recorder::new(&self.device, 0, "upload")?;
+    /// Records what is stale, in the order of submission: by projector.
+    ///
+    /// Weights read the other projectors' occlusion edges, so where several projectors share their light, those that see anew do
+    /// so before any weighs, in a recording of its own: then the queues wait for each other in between and nowhere else.
+    fn record_passes(&self, moved: &MovedTable) -> Result<Vec<(usize, Commands)>, GpuError> {
+        let stale = || self.projectors.iter().enumerate().filter(|(_, p)| p.stale.any());
+        let apart = self.settings.blend && self.projectors.len() > 1;
+        let mut recorded = Vec::new();
+        for (index, projector) in stale().filter(|(_, p)| apart && p.stale.primary.any()) {
+            let mut recorder = projector.recorder(&self.device)?;
+            projector.record_seen(&mut recorder, &self.settings, moved)?;
+            recorded.push((index, recorder.finish()?));
+        }
+        for (index, projector) in stale() {
+            let mut recorder = projector.recorder(&self.device)?;
+            if !apart {
+                projector.record_seen(&mut recorder, &self.settings, moved)?;
+            }
+            projector.record_shown(&mut recorder, &self.settings, index, moved)?;
+            recorded.push((index, recorder.finish()?));
+        }
+        Ok(recorded)
+    }
+
+    /// Goes on with what has to be brought to the device, and shows the pending scene once it is there. Gives the bytes of blocks
+    /// that were sent, and the submission of small sections, where there is one.
+    fn upload(&mut self) -> Result<(u64, Option<Submission>), GpuError> {
+        if self.wants_changed {
+            // What the device has no room for is not asked for again.
+            if let Err(error) = self.want() {
+                self.pending = None;
+                return Err(error);
+            }
+        }
+        let mut bytes = 0;
+        if self.scene_buffers.is_busy() {
+            let mut budget = self.upload_budget_bytes;
+            loop {
+                let advanced = self.scene_buffers.advance(budget)?;
+                self.rebind |= advanced.moved;
+                bytes += advanced.bytes;
+                if self.has_shown || !self.scene_buffers.is_busy() {
+                    break;
+                }
+                // Nothing is shown that would have to go on meanwhile.
+                budget = FIRST_SLICE_BYTES;
+            }
+        }
+        if let Some(scene) = self.pending.take_if(|scene| self.scene_buffers.has(scene)) {
+            self.switch_to(scene);
+            self.wants_changed = true;
+        }
+        let sections = self.write_sections().inspect_err(|_| {
+            // Some buffers may be others already, so nothing that was bound before may be used again.
+            self.scene_buffers.forget();
+            self.rebind = true;
+        })?;
+        Ok((bytes, sections))
+    }
+
+    /// Brings the shown scene's small sections and the frusta to the device where they differ, and binds what was replaced.
+    fn write_sections(&mut self) -> Result<Option<Submission>, GpuError> {
+        let mut sections = None;
+        if self.scene_buffers.differs(&self.scene) || !self.frusta_written {
+            let mut recorder = Recorder::new(&self.device, 0, "sections")?;
             self.rebind |= self.scene_buffers.update(&mut recorder, &self.scene)?;
             let frusta: Vec<GpuFrustum> =
                 self.projectors.iter().map(|p| GpuFrustum::new(&p.frustum, self.scene.origin_m)).collect();
             recorder.upload(&self.frusta, 0, bytemuck::cast_slice(&frusta))?;
-            submission = Some(self.device.submit(recorder.finish()?, &[])?);
+            sections = Some(self.device.submit(recorder.finish()?, &[])?);
             self.frusta_written = true;
+        } else if !self.rebind {
+            return Ok(None);
         }
         let (catalogue, pipelines) = (self.catalogue(), self.pipelines()?);
         let edges: Vec<_> = self.projectors.iter().map(|p| p.targets.edge.clone()).collect();
@@ -354,7 +497,7 @@ impl Renderer {
             projector.take(&self.device, &self.scene, &catalogue, &pipelines, &edges, self.rebind)?;
         }
         self.rebind = false;
-        Ok(submission)
+        Ok(sections)
     }
 
     /// The pipelines for the scene as it is; made when such a scene is first shown.
@@ -390,13 +533,25 @@ impl Renderer {
         let pipelines = self.pipelines()?;
         let pictures = self.projectors.iter().map(|p| p.targets.color.clone()).collect();
         let frusta = self.projectors.iter().map(|p| p.frustum).collect();
-        let of = room::View { frusta, scene: &self.scene, settings: &self.settings, pictures };
+        let environment_first = self.scene_buffers.environment_first(&self.scene);
+        let of = room::View { frusta, scene: &self.scene, settings: &self.settings, environment_first, pictures };
         room::render(&self.device, &pipelines, &self.catalogue(), &of, eye, size_px)
     }
 }
 
 fn has_virtual(scene: &Scene) -> bool {
     scene.instances.iter().any(|instance| instance.visible && instance.role == Role::Virtual)
+}
+
+/// When the passes of a submission ran, since the first of them all began.
+fn timeline(all: &[Submission], of: &Submission) -> Vec<Span> {
+    let after = |s: &Submission| all.first().and_then(|first| s.began_after_ms(first));
+    let (Some(begun), earliest) = (after(of), all.iter().filter_map(after).fold(0.0, f64::min)) else {
+        return Vec::new();
+    };
+    let since = begun - earliest;
+    let spans = of.spans().into_iter();
+    spans.map(|(pass, start, end)| Span { pass, start_ms: since + start, end_ms: since + end }).collect()
 }
 
 fn frusta_buffer(device: &Arc<Device>, count: usize) -> Result<Arc<Buffer>, GpuError> {

@@ -22,6 +22,8 @@ use crate::targets::COUNTER_WORDS;
 pub(crate) struct View<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) settings: &'a Settings,
+    /// First texel of the environment.
+    pub(crate) environment_first: u32,
     /// Where each projector's rays leave, in order.
     pub(crate) frusta: Vec<Frustum>,
     /// What each shows.
@@ -39,7 +41,10 @@ pub(crate) fn render(
 ) -> Result<LayerImage, RenderError> {
     let camera = look_at(eye, &subject(view), size_px)?;
     let frustum = GpuFrustum::new(&Frustum::new(camera), view.scene.origin_m);
-    let frame = GpuFrame::new(frustum, view.scene, &[eye], view.settings, (0, view.pictures.len()));
+    let frame = GpuFrame {
+        environment_first: view.environment_first,
+        ..GpuFrame::new(frustum, view.scene, &[eye], view.settings, (0, view.pictures.len()))
+    };
 
     let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
     let frame_buffer = Buffer::new(device, "room/frame", BufferKind::Uniform, size_of::<GpuFrame>() as u64)?;

@@ -1,53 +1,57 @@
-//! The scene on the device: one buffer a section, uploaded when the section is another one than last time.
+//! The scene on the device: blocks that many revisions share, and small sections, one buffer each, which are written whole when
+//! they are others than last time.
 
 use std::sync::Arc;
 
 use bytemuck::Pod;
 use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder, TexelFormat};
-use lantern_scene::Scene;
-use lantern_scene::pack::{GpuEnvironment, GpuGeometry, GpuLight, GpuMaterial, GpuTextures, GpuTop};
+use lantern_scene::pack::{GpuInstance, GpuLight, GpuMaterial, GpuTexture, GpuTop};
+use lantern_scene::{GpuTextures, Mesh, Scene};
 
+use crate::block::{Block, ENVIRONMENTS, IMAGES, NODES, TRIANGLES, VERTICES};
 use crate::catalogue::Catalogue;
+use crate::store::{Advanced, Store};
 use crate::structures::Structures;
 
-/// A buffer that grows. Its name is what shaders call it.
+/// A buffer as large as its section, or up to four times that. Its name is what shaders call it.
 struct Slot {
     name: &'static str,
-    kind: fn() -> BufferKind,
+    kind: BufferKind,
     buffer: Arc<Buffer>,
 }
 
 impl Slot {
-    fn new(device: &Arc<Device>, name: &'static str, kind: fn() -> BufferKind) -> Result<Self, GpuError> {
-        Ok(Self { name, kind, buffer: Buffer::new(device, name, kind(), SMALLEST)? })
+    fn new(device: &Arc<Device>, name: &'static str, kind: BufferKind) -> Result<Self, GpuError> {
+        Ok(Self { name, kind, buffer: Buffer::new(device, name, kind, SMALLEST)? })
     }
 
     /// Writes `data`. True when the buffer had to be replaced, so that what binds it must bind it again.
     fn write<T: Pod>(&mut self, device: &Arc<Device>, recorder: &mut Recorder, data: &[T]) -> Result<bool, GpuError> {
         let bytes: &[u8] = bytemuck::cast_slice(data);
-        let grows = bytes.len() as u64 > self.buffer.bytes();
-        if grows {
-            self.buffer = Buffer::new(device, self.name, (self.kind)(), bytes.len() as u64)?;
+        let needed = (bytes.len() as u64).max(SMALLEST);
+        let fits = (needed..=4 * needed).contains(&self.buffer.bytes());
+        if !fits {
+            self.buffer = Buffer::new(device, self.name, self.kind, needed)?;
         }
         if !bytes.is_empty() {
             recorder.upload(&self.buffer, 0, bytes)?;
         }
-        Ok(grows)
+        Ok(!fits)
     }
 }
 
 /// An empty section still has a buffer to bind: one of the widest texel.
 const SMALLEST: u64 = 256;
 
-/// The sections that lie on the device now.
+/// The small sections that lie on the device now.
 #[derive(Default)]
 struct Resident {
-    geometry: Option<Arc<GpuGeometry>>,
     top: Option<Arc<GpuTop>>,
     materials: Option<Arc<Vec<GpuMaterial>>>,
     lights: Option<Arc<Vec<GpuLight>>>,
     textures: Option<Arc<GpuTextures>>,
-    environment: Option<Arc<GpuEnvironment>>,
+    /// Those that the instances point to.
+    meshes: Vec<Arc<Mesh>>,
 }
 
 /// Whether `now` is another section than the one that was uploaded; remembers it.
@@ -57,86 +61,109 @@ fn replaced<T>(was: &mut Option<Arc<T>>, now: &Arc<T>) -> bool {
     !same
 }
 
+/// Whether these are the same meshes.
+fn same(old: &[Arc<Mesh>], new: &[Arc<Mesh>]) -> bool {
+    old.iter().map(Arc::as_ptr).eq(new.iter().map(Arc::as_ptr))
+}
+
 /// The scene's buffers, shared by the projectors of a device.
 pub(crate) struct SceneBuffers {
     device: Arc<Device>,
+    store: Store,
     resident: Resident,
-    slots: [Slot; 12],
+    slots: [Slot; 6],
     /// On a device with ray queries.
     structures: Option<Structures>,
 }
 
-const BLAS_NODES: usize = 0;
-const TRIANGLES: usize = 1;
-const INDICES: usize = 2;
-const VERTICES: usize = 3;
-const INSTANCES: usize = 4;
-const TLAS_NODES: usize = 5;
-const TLAS_ORDER: usize = 6;
-const MATERIALS: usize = 7;
-const LIGHTS: usize = 8;
-const TEXTURES: usize = 9;
-const TEXELS: usize = 10;
-const ENVIRONMENT: usize = 11;
+const INSTANCES: usize = 0;
+const TLAS_NODES: usize = 1;
+const TLAS_ORDER: usize = 2;
+const MATERIALS: usize = 3;
+const LIGHTS: usize = 4;
+const TEXTURES: usize = 5;
 
 impl SceneBuffers {
     pub(crate) fn new(device: &Arc<Device>) -> Result<Self, GpuError> {
-        let uints: fn() -> BufferKind = || BufferKind::Texel(TexelFormat::Rgba32Uint);
-        let floats: fn() -> BufferKind = || BufferKind::Texel(TexelFormat::Rgba32Float);
-        let words: fn() -> BufferKind = || BufferKind::Texel(TexelFormat::R32Uint);
-        let bytes: fn() -> BufferKind = || BufferKind::Texel(TexelFormat::Rgba8Unorm);
-        let storage: fn() -> BufferKind = || BufferKind::Storage;
+        let uints = BufferKind::Texel(TexelFormat::Rgba32Uint);
+        let words = BufferKind::Texel(TexelFormat::R32Uint);
         let slot = |name, kind| Slot::new(device, name, kind);
         Ok(Self {
             device: device.clone(),
+            store: Store::new(device)?,
             resident: Resident::default(),
             structures: device.has_ray_queries().then(Structures::default),
             slots: [
-                slot("blas_nodes", uints)?,
-                slot("triangles", floats)?,
-                slot("indices", uints)?,
-                slot("vertices", uints)?,
                 slot("instances", uints)?,
                 slot("tlas_nodes", uints)?,
                 slot("tlas_order", words)?,
                 slot("materials", uints)?,
                 slot("lights", uints)?,
-                slot("Textures", storage)?,
-                slot("texels", bytes)?,
-                slot("environment_texels", floats)?,
+                slot("Textures", BufferKind::Storage)?,
             ],
         })
     }
 
-    /// Whether any section of `scene` is not yet on the device.
+    /// Makes the blocks of these scenes the ones that are to be held.
+    ///
+    /// # Errors
+    /// A buffer that the device cannot make; then nothing has changed.
+    pub(crate) fn want<'a>(&mut self, scenes: impl Iterator<Item = &'a Arc<Scene>>) -> Result<(), GpuError> {
+        self.store.want(scenes.flat_map(|scene| Block::all_of(scene)))
+    }
+
+    /// Sends at most about `budget` bytes of blocks on their way.
+    ///
+    /// # Errors
+    /// What Vulkan says; then what was to be sent still is.
+    pub(crate) fn advance(&mut self, budget: u64) -> Result<Advanced, GpuError> {
+        let advanced = self.store.advance(budget)?;
+        if advanced.moved {
+            // Instances and textures say where blocks lie.
+            self.resident.top = None;
+            self.resident.textures = None;
+        }
+        Ok(advanced)
+    }
+
+    /// Whether blocks have yet to be sent.
+    pub(crate) fn is_busy(&self) -> bool {
+        self.store.is_busy()
+    }
+
+    /// Whether frames that are recorded from now on find every block of a scene there.
+    pub(crate) fn has(&self, scene: &Scene) -> bool {
+        self.store.has(Block::all_of(scene))
+    }
+
+    /// The first texel of a scene's environment.
+    pub(crate) fn environment_first(&self, scene: &Scene) -> u32 {
+        self.store.first(&Block::Environment(scene.environment.clone()), ENVIRONMENTS)
+    }
+
+    /// Whether any small section of `scene` is not yet on the device.
     pub(crate) fn differs(&self, scene: &Scene) -> bool {
         fn other<T>(was: &Option<Arc<T>>, now: &Arc<T>) -> bool {
             !was.as_ref().is_some_and(|w| Arc::ptr_eq(w, now))
         }
         let r = &self.resident;
-        other(&r.geometry, &scene.geometry)
-            || other(&r.top, &scene.top)
+        other(&r.top, &scene.top)
+            || !same(&r.meshes, &scene.meshes)
             || other(&r.materials, &scene.gpu_materials)
             || other(&r.lights, &scene.lights)
             || other(&r.textures, &scene.textures)
-            || other(&r.environment, &scene.environment)
     }
 
-    /// Uploads the sections that differ. True when a buffer was replaced.
+    /// Uploads the small sections that differ, of a scene whose blocks are there. True when a buffer was replaced.
     pub(crate) fn update(&mut self, recorder: &mut Recorder, scene: &Scene) -> Result<bool, GpuError> {
-        let Self { device, resident, slots, structures } = self;
+        let Self { device, store, resident, slots, structures } = self;
         let mut rebound = false;
         if let Some(structures) = structures {
             rebound |= structures.update(recorder, scene)?;
         }
-        if replaced(&mut resident.geometry, &scene.geometry) {
-            rebound |= slots[BLAS_NODES].write(device, recorder, &scene.geometry.nodes)?;
-            rebound |= slots[TRIANGLES].write(device, recorder, &scene.geometry.triangles)?;
-            rebound |= slots[INDICES].write(device, recorder, &scene.geometry.indices)?;
-            rebound |= slots[VERTICES].write(device, recorder, &scene.geometry.vertices)?;
-        }
-        if replaced(&mut resident.top, &scene.top) {
-            rebound |= slots[INSTANCES].write(device, recorder, &scene.top.instances)?;
+        if replaced(&mut resident.top, &scene.top) | !same(&resident.meshes, &scene.meshes) {
+            resident.meshes.clone_from(&scene.meshes);
+            rebound |= slots[INSTANCES].write(device, recorder, &placed_instances(store, scene))?;
             rebound |= slots[TLAS_NODES].write(device, recorder, &scene.top.nodes)?;
             rebound |= slots[TLAS_ORDER].write(device, recorder, &scene.top.order)?;
         }
@@ -147,16 +174,12 @@ impl SceneBuffers {
             rebound |= slots[LIGHTS].write(device, recorder, &scene.lights)?;
         }
         if replaced(&mut resident.textures, &scene.textures) {
-            rebound |= slots[TEXTURES].write(device, recorder, &scene.textures.headers)?;
-            rebound |= slots[TEXELS].write(device, recorder, &scene.textures.texels)?;
-        }
-        if replaced(&mut resident.environment, &scene.environment) {
-            rebound |= slots[ENVIRONMENT].write(device, recorder, &scene.environment.texels)?;
+            rebound |= slots[TEXTURES].write(device, recorder, &placed_textures(store, &scene.textures))?;
         }
         Ok(rebound)
     }
 
-    /// Forgets what is resident, so that the next update uploads everything: after an upload that failed half way.
+    /// Forgets which small sections are resident, so that the next update uploads all: after an upload that failed half way.
     pub(crate) fn forget(&mut self) {
         self.resident = Resident::default();
         self.structures = self.structures.take().map(|_| Structures::default());
@@ -164,7 +187,40 @@ impl SceneBuffers {
 
     /// Adds the scene's buffers.
     pub(crate) fn list(&self, catalogue: Catalogue) -> Catalogue {
-        let with_buffers = self.slots.iter().fold(catalogue, |c, slot| c.with_buffer(slot.name, &slot.buffer));
+        let small = self.slots.iter().map(|slot| (slot.name, &slot.buffer));
+        let with_buffers = small.chain(self.store.buffers()).fold(catalogue, |c, (name, b)| c.with_buffer(name, b));
         self.structures.iter().fold(with_buffers, |c, structures| structures.list(c))
     }
+
+    /// Bytes of all of them.
+    pub(crate) fn bytes(&self) -> u64 {
+        let small = self.slots.iter().map(|slot| slot.buffer.bytes());
+        small.chain(self.store.buffers().map(|(_, buffer)| buffer.bytes())).sum()
+    }
+}
+
+/// The scene's instances, told where their meshes lie.
+fn placed_instances(store: &Store, scene: &Scene) -> Vec<GpuInstance> {
+    let firsts: Vec<[u32; 3]> = (scene.meshes.iter())
+        .map(|mesh| Block::Mesh(mesh.clone()))
+        .map(|block| [NODES, TRIANGLES, VERTICES].map(|space| store.first(&block, space)))
+        .collect();
+    let instances = scene.top.instances.iter().zip(&scene.instances);
+    instances
+        .map(|(gpu, instance)| {
+            let [node_base, triangle_base, vertex_base] = firsts[instance.mesh];
+            GpuInstance { node_base, triangle_base, vertex_base, ..*gpu }
+        })
+        .collect()
+}
+
+/// The textures' headers, told where their images lie.
+fn placed_textures(store: &Store, textures: &GpuTextures) -> Vec<GpuTexture> {
+    let headers = textures.headers.iter().zip(&textures.image_of);
+    headers
+        .map(|(header, image)| {
+            let image = Block::Image(textures.images[*image].clone());
+            GpuTexture { first_texel: store.first(&image, IMAGES), ..*header }
+        })
+        .collect()
 }

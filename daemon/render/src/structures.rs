@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use lantern_gpu::{BottomLevel, GpuError, Placed, Recorder, TopLevel};
-use lantern_scene::pack::{GpuGeometry, GpuTop, INSTANCE_OPAQUE, ROLE_MASK};
+use lantern_scene::pack::{GpuTop, INSTANCE_OPAQUE, ROLE_MASK};
 use lantern_scene::{Mesh, Scene};
 
 use crate::catalogue::Catalogue;
@@ -20,7 +20,6 @@ type Built = (Arc<Mesh>, Option<Arc<BottomLevel>>);
 /// The structures of the scene as it was taken last; nothing before the first time.
 #[derive(Default)]
 pub(crate) struct Structures {
-    geometry: Option<Arc<GpuGeometry>>,
     top: Option<Arc<GpuTop>>,
     /// Of the scene's meshes, in their order.
     bottoms: Vec<Built>,
@@ -30,9 +29,8 @@ pub(crate) struct Structures {
 impl Structures {
     /// Builds what `scene` has and the last one had not. True when the top level is another, so that what binds it must bind it again.
     pub(crate) fn update(&mut self, recorder: &mut Recorder, scene: &Scene) -> Result<bool, GpuError> {
-        let same = self.geometry.as_ref().is_some_and(|was| Arc::ptr_eq(was, &scene.geometry))
-            && self.top.as_ref().is_some_and(|was| Arc::ptr_eq(was, &scene.top));
-        if same {
+        let same_meshes = self.bottoms.iter().map(|(mesh, _)| Arc::as_ptr(mesh)).eq(scene.meshes.iter().map(Arc::as_ptr));
+        if same_meshes && self.top.as_ref().is_some_and(|was| Arc::ptr_eq(was, &scene.top)) {
             return Ok(false);
         }
         self.bottoms = self.bottoms_of(recorder, scene)?;
@@ -51,7 +49,6 @@ impl Structures {
             });
         }
         self.structure = Some(recorder.build_top_level("scene", &placed)?);
-        self.geometry = Some(scene.geometry.clone());
         self.top = Some(scene.top.clone());
         Ok(true)
     }

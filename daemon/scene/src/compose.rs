@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DMat3, DVec3, Vec3, Vec3A};
+use glam::{DAffine3, DMat3, DVec3, Vec3A};
 use lantern_proto::Role;
 use obvhs::aabb::Aabb;
 
@@ -12,8 +12,7 @@ use crate::bvh::Bvh;
 use crate::edit::MAX_DISTANCE_M;
 use crate::mesh::Mesh;
 use crate::pack::{
-    GpuGeometry, GpuInstance, GpuMaterial, GpuTop, INSTANCE_OPAQUE, NO_TEXTURE, ROLE_MASK, ROLE_PROP, ROLE_RASTER,
-    ROLE_VIRTUAL,
+    GpuInstance, GpuMaterial, GpuTop, INSTANCE_OPAQUE, NO_TEXTURE, ROLE_MASK, ROLE_PROP, ROLE_RASTER, ROLE_VIRTUAL,
 };
 use crate::scene::{Instance, Node, Parts, PlacedAsset, Scene, Shape, world_bounds};
 use crate::texture;
@@ -43,19 +42,16 @@ pub(crate) fn compose(draft: &mut Scene) -> Result<(), ComposeError> {
     let assets = assets_in_use(&draft.nodes);
     let shapes = || draft.nodes.iter().flat_map(|node| node.shapes.values());
 
-    // The geometry and textures depend on which assets are in use and which shapes nodes have of their own, and on nothing else.
+    // Meshes depend on which assets are in use and which shapes nodes have of their own, textures on the assets alone.
     let same_shapes = shapes().map(Arc::as_ptr).eq(draft.parts.shapes.iter().map(Arc::as_ptr));
     let same = assets.len() == draft.parts.assets.len()
         && assets.iter().zip(&draft.parts.assets).all(|(new, old)| Arc::ptr_eq(new, &old.asset));
     if !same || !same_shapes {
-        let (parts, meshes, geometry) = pack_geometry(&assets, shapes().cloned().collect());
-        draft.parts = parts;
-        draft.meshes = meshes;
-        draft.geometry = Arc::new(geometry);
+        (draft.parts, draft.meshes) = list_meshes(&assets, shapes().cloned().collect());
     }
     if !same {
         let textures = texture::pack(assets.iter().flat_map(|asset| &asset.textures));
-        if textures.headers.len() + draft.textures.headers.len() > 0 {
+        if !textures.same_as(&draft.textures) {
             draft.textures = Arc::new(textures);
         }
     }
@@ -103,11 +99,10 @@ fn assets_in_use(nodes: &[Node]) -> Vec<Arc<Asset>> {
     assets
 }
 
-/// Concatenates the meshes of all assets, and after them the shapes.
-fn pack_geometry(assets: &[Arc<Asset>], shapes: Vec<Arc<Shape>>) -> (Parts, Vec<Arc<Mesh>>, GpuGeometry) {
+/// The meshes of all assets, and after them the shapes.
+fn list_meshes(assets: &[Arc<Asset>], shapes: Vec<Arc<Shape>>) -> (Parts, Vec<Arc<Mesh>>) {
     let mut parts = Parts::default();
     let mut meshes: Vec<Arc<Mesh>> = vec![];
-    let mut packed = GpuGeometry::default();
     let mut first_texture = 0;
     for asset in assets {
         parts.assets.push(PlacedAsset { asset: asset.clone(), first_mesh: meshes.len(), first_texture });
@@ -117,39 +112,7 @@ fn pack_geometry(assets: &[Arc<Asset>], shapes: Vec<Arc<Shape>>) -> (Parts, Vec<
     parts.first_shape = meshes.len();
     meshes.extend(shapes.iter().map(|shape| shape.mesh.clone()));
     parts.shapes = shapes;
-    for mesh in &meshes {
-        let nodes = packed.nodes.len() / 5;
-        parts.mesh_bases.push([nodes, packed.triangles.len() / 3, packed.vertices.len()].map(|n| n as u32));
-        pack_mesh(mesh, &mut packed);
-    }
-    (parts, meshes, packed)
-}
-
-fn pack_mesh(mesh: &Mesh, packed: &mut GpuGeometry) {
-    packed.nodes.extend_from_slice(mesh.bvh.packed());
-    for (triangle, material) in mesh.indices.iter().zip(&mesh.materials) {
-        let [a, b, c] = triangle.map(|vertex| Vec3::from(mesh.positions[vertex as usize]));
-        packed.triangles.push(a.extend(0.0).to_array());
-        packed.triangles.push((b - a).extend(0.0).to_array());
-        packed.triangles.push((c - a).extend(0.0).to_array());
-        packed.indices.push([triangle[0], triangle[1], triangle[2], *material]);
-    }
-    for (normal, uv) in mesh.normals.iter().zip(&mesh.uvs) {
-        packed.vertices.push([octahedral(*normal), uv[0].to_bits(), uv[1].to_bits(), 0]);
-    }
-}
-
-/// A unit vector as two snorm16 (x in the low half) on the octahedron |x| + |y| + |z| = 1 unfolded about +Z: Cigolle et
-/// al., "A Survey of Efficient Representations for Independent Unit Vectors", JCGT 2014.
-pub fn octahedral(normal: [f32; 3]) -> u32 {
-    let [x, y, z] = normal;
-    let sum = x.abs() + y.abs() + z.abs();
-    let (mut px, mut py) = (x / sum, y / sum);
-    if z < 0.0 {
-        (px, py) = ((1.0 - py.abs()).copysign(px), (1.0 - px.abs()).copysign(py));
-    }
-    let snorm = |v: f32| u32::from((v.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16);
-    snorm(px) | snorm(py) << 16
+    (parts, meshes)
 }
 
 /// Every node's materials, one after the other, with the scene's texture numbers.
@@ -291,7 +254,6 @@ fn gpu_instance(draft: &Scene, instance: &Instance) -> GpuInstance {
     let mut relative = instance.world_from_object;
     relative.translation -= draft.origin_m;
     let mesh = &draft.meshes[instance.mesh];
-    let [node_base, triangle_base, vertex_base] = draft.parts.mesh_bases[instance.mesh];
     let material = |number: &u32| &draft.materials[(instance.material_base + number) as usize];
     let opaque = mesh.used_materials.iter().all(|number| material(number).is_opaque());
     let role = match instance.role {
@@ -303,9 +265,9 @@ fn gpu_instance(draft: &Scene, instance: &Instance) -> GpuInstance {
     GpuInstance {
         world_from_object: rows(&relative),
         object_from_world: rows(&relative.inverse()),
-        node_base,
-        triangle_base,
-        vertex_base,
+        node_base: 0,
+        triangle_base: 0,
+        vertex_base: 0,
         scene_node: instance.node as u32,
         flags: role | if opaque { INSTANCE_OPAQUE } else { 0 },
         material_base: instance.material_base,
@@ -336,40 +298,12 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The decoder as a shader writes it.
-    fn from_octahedral(packed: u32) -> Vec3 {
-        let snorm = |half: u32| f32::from(half as u16 as i16) / 32767.0;
-        let (x, y) = (snorm(packed & 0xffff), snorm(packed >> 16));
-        let mut v = Vec3::new(x, y, 1.0 - x.abs() - y.abs());
-        let t = (-v.z).max(0.0);
-        v.x -= t.copysign(v.x);
-        v.y -= t.copysign(v.y);
-        v.normalize()
-    }
-
     proptest! {
-        #[test]
-        fn packed_normals_point_where_they_did(v in prop::array::uniform3(-1f32..1.0)) {
-            prop_assume!(Vec3::from(v).length() > 1e-3);
-            let normal = Vec3::from(v).normalize();
-            let error_rad = from_octahedral(octahedral(normal.to_array())).angle_between(normal);
-            prop_assert!(error_rad < 1e-3, "{normal} off by {error_rad}");
-        }
-
         #[test]
         fn the_f32_box_holds_the_f64_box(a in prop::array::uniform3(-1e8f64..1e8), d in prop::array::uniform3(0f64..10.0)) {
             let (min, max) = (DVec3::from(a), DVec3::from(a) + DVec3::from(d));
             let b = outward(min, max);
             prop_assert!(b.min.as_dvec3().cmple(min).all() && b.max.as_dvec3().cmpge(max).all());
-        }
-    }
-
-    #[test]
-    fn the_axes_survive_packing_exactly() {
-        for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
-            for axis in [axis, -axis] {
-                assert!((from_octahedral(octahedral(axis.to_array())) - axis).length() < 1e-6);
-            }
         }
     }
 

@@ -19,9 +19,10 @@ use crate::file::Access;
 use crate::library::Library;
 use crate::light::LightState;
 use crate::limits::Limits;
-use crate::pack::{GpuGeometry, GpuTextures, GpuTop};
+use crate::pack::GpuTop;
 use crate::scene::{EnvironmentSource, Node, Parts, Scene};
 use crate::structures::Structures;
+use crate::texture::GpuTextures;
 use crate::top::Top;
 use crate::totals::Totals;
 use crate::vertices::apply_vertices;
@@ -397,7 +398,6 @@ fn empty() -> Scene {
         meshes: vec![],
         instances: vec![],
         materials: Arc::default(),
-        geometry: Arc::new(GpuGeometry::default()),
         top: Arc::new(GpuTop::default()),
         gpu_materials: Arc::default(),
         textures: Arc::new(GpuTextures::default()),

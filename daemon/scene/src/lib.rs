@@ -26,6 +26,7 @@ mod limits;
 mod limits_tests;
 mod material;
 mod mesh;
+mod mesh_part;
 pub mod pack;
 mod raycast;
 #[cfg(test)]
@@ -45,15 +46,15 @@ mod vertices;
 #[cfg(test)]
 mod vertices_tests;
 
-pub use compose::octahedral;
 pub use edit::EditError;
 pub use editor::{Editor, Place, SceneProblem, may_take_long};
 pub use lantern_proto::{Edit, Role};
 pub use limits::Limits;
 pub use material::{Material, absorption_per_m};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshData};
+pub use mesh_part::{MeshPart, octahedral};
 pub use raycast::{Hit, PRIMARY_ROLES, SECONDARY_ROLES, role_bit};
 pub use revision::{Changes, Moved, changes, moved};
 pub use scene::{Instance, Node, Scene, WorldMesh};
 pub use structures::{Counts, Structures};
-pub use texture::{Image, Texture, Wrap};
+pub use texture::{GpuTextures, Image, Texture, Wrap};

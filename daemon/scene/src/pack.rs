@@ -27,11 +27,11 @@ pub struct GpuInstance {
     pub world_from_object: [[f32; 4]; 3],
     /// Three rows of its inverse.
     pub object_from_world: [[f32; 4]; 3],
-    /// First CWBVH node of its mesh in [`GpuGeometry::nodes`], in nodes of 80 bytes.
+    /// First CWBVH node of its mesh, in nodes of 80 bytes. Where a mesh lies is the renderer's to say: 0 in a scene.
     pub node_base: u32,
-    /// First triangle of its mesh in [`GpuGeometry::triangles`].
+    /// First triangle of its mesh; 0 in a scene.
     pub triangle_base: u32,
-    /// First vertex of its mesh in [`GpuGeometry::vertices`].
+    /// First vertex of its mesh; 0 in a scene.
     pub vertex_base: u32,
     /// Index of its node in `scene.get` order.
     pub scene_node: u32,
@@ -91,7 +91,7 @@ pub struct GpuMaterial {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct GpuTexture {
-    /// First texel in [`GpuTextures::texels`].
+    /// First texel of its image. Where an image lies is the renderer's to say: 0 in a scene.
     pub first_texel: u32,
     /// Texels a row.
     pub width: u32,
@@ -130,21 +130,6 @@ pub struct GpuLight {
     pub pad: [f32; 3],
 }
 
-/// Every mesh's triangles and bottom-level structures, concatenated. Triangles are in the order of the structure's
-/// leaves, so a leaf's primitive number is a triangle's.
-#[derive(Clone, Debug, Default)]
-pub struct GpuGeometry {
-    /// CWBVH nodes, five `uvec4` each (`CwBvhNode`'s 80 bytes as they are); child and primitive numbers are the
-    /// mesh's own, from 0.
-    pub nodes: Vec<[u32; 4]>,
-    /// Three `vec4` a triangle, object space, m, 0 in w: corner 0; corner 1 − corner 0; corner 2 − corner 0.
-    pub triangles: Vec<[f32; 4]>,
-    /// One a triangle: the mesh's own numbers of its three vertices, and its material's. One texel, hence one load.
-    pub indices: Vec<[u32; 4]>,
-    /// One a vertex: normal (octahedral, two snorm16, x in the low half), u, v (f32 bits), 0.
-    pub vertices: Vec<[u32; 4]>,
-}
-
 /// The top level: instances, and the structure over those that rays can meet.
 #[derive(Clone, Debug, Default)]
 pub struct GpuTop {
@@ -154,15 +139,6 @@ pub struct GpuTop {
     pub nodes: Vec<[u32; 4]>,
     /// A leaf's primitive number → index into `instances`.
     pub order: Vec<u32>,
-}
-
-/// All textures, one after the other.
-#[derive(Clone, Debug, Default)]
-pub struct GpuTextures {
-    /// One header a texture.
-    pub headers: Vec<GpuTexture>,
-    /// RGBA8, row 0 on top.
-    pub texels: Vec<[u8; 4]>,
 }
 
 /// What a miss sees.

@@ -11,7 +11,7 @@ use crate::scene::{Instance, Scene, world_bounds};
 /// What differs between two revisions; what that makes stale is the renderer's to decide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Changes {
-    /// Triangles or bottom-level structures.
+    /// Which meshes there are: triangles or bottom-level structures.
     pub geometry: bool,
     /// A visible instance of role `prop` or `mask` moved, appeared, vanished, or has another number.
     pub props_moved: bool,
@@ -53,7 +53,7 @@ pub fn changes(old: &Scene, new: &Scene) -> Changes {
     let shifted = old.origin_m != new.origin_m;
     let moved = |roles: &[Role]| shifted || !placed(old, roles).eq(placed(new, roles));
     Changes {
-        geometry: !Arc::ptr_eq(&old.geometry, &new.geometry),
+        geometry: !old.meshes.iter().map(Arc::as_ptr).eq(new.meshes.iter().map(Arc::as_ptr)),
         props_moved: moved(&[Role::Prop, Role::Mask]),
         virtual_moved: moved(&[Role::Virtual]),
         raster_moved: moved(&[Role::Raster]),

@@ -11,7 +11,8 @@ use crate::asset::Asset;
 use crate::light::LightState;
 use crate::material::{self, Material};
 use crate::mesh::Mesh;
-use crate::pack::{GpuEnvironment, GpuGeometry, GpuLight, GpuMaterial, GpuTextures, GpuTop};
+use crate::pack::{GpuEnvironment, GpuLight, GpuMaterial, GpuTop};
+use crate::texture::GpuTextures;
 use crate::top::Top;
 
 /// One immutable revision. Cheap to clone; a section that an edit left alone is the same `Arc` as before.
@@ -23,14 +24,13 @@ pub struct Scene {
     pub origin_m: DVec3,
     /// In `scene.get` order: the index is the `node` layer's value.
     pub nodes: Vec<Node>,
-    /// The CPU's side of [`Scene::geometry`]; each mesh once, however often it is placed.
+    /// Triangles and bottom-level structures; each mesh once, however often it is placed. See [`crate::MeshPart`] for what the
+    /// GPU reads of them.
     pub meshes: Vec<Arc<Mesh>>,
     /// Every placed mesh; same order and length as `top.instances`.
     pub instances: Vec<Instance>,
     /// One after the other those of every node; a triangle's number plus its instance's base indexes them.
     pub materials: Arc<Vec<Material>>,
-    /// Triangles and bottom-level structures.
-    pub geometry: Arc<GpuGeometry>,
     /// Instances and the structure over them.
     pub top: Arc<GpuTop>,
     /// The values of [`Scene::materials`].
@@ -47,7 +47,7 @@ pub struct Scene {
     pub(crate) top_walk: Arc<Top>,
 }
 
-/// What [`Scene::geometry`] and [`Scene::textures`] were put together from.
+/// What [`Scene::meshes`] and [`Scene::textures`] were put together from.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Parts {
     /// Each asset in use once, in the order of first use, with the number of its first mesh and texture.
@@ -56,8 +56,6 @@ pub(crate) struct Parts {
     pub(crate) shapes: Vec<Arc<Shape>>,
     /// The number of the first of those.
     pub(crate) first_shape: usize,
-    /// For each mesh of the scene, its first node, triangle and vertex in the geometry.
-    pub(crate) mesh_bases: Vec<[u32; 3]>,
 }
 
 #[derive(Clone, Debug)]
@@ -181,20 +179,18 @@ impl Scene {
 
     /// Bytes of all sections as the GPU holds them.
     pub fn device_bytes(&self) -> u64 {
-        let bytes = size_of_val(self.geometry.nodes.as_slice())
-            + size_of_val(self.geometry.triangles.as_slice())
-            + size_of_val(self.geometry.indices.as_slice())
-            + size_of_val(self.geometry.vertices.as_slice())
+        let meshes: u64 = self.meshes.iter().map(|mesh| mesh.device_bytes()).sum();
+        let images = self.textures.images.iter().map(|image| size_of_val(image.texels.as_slice()));
+        let bytes = images.sum::<usize>()
             + size_of_val(self.top.instances.as_slice())
             + size_of_val(self.top.nodes.as_slice())
             + size_of_val(self.top.order.as_slice())
             + size_of_val(self.gpu_materials.as_slice())
             + size_of_val(self.textures.headers.as_slice())
-            + size_of_val(self.textures.texels.as_slice())
             + size_of_val(self.lights.as_slice())
             + size_of_val(self.environment.texels.as_slice())
             + size_of_val(&self.environment.irradiance);
-        bytes as u64
+        meshes + bytes as u64
     }
 
     /// The node of a name, with its index.

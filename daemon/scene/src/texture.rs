@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::pack::{GpuTexture, GpuTextures};
+use crate::pack::GpuTexture;
 
 /// Wrapping of one axis, as [`GpuTexture::flags`] numbers it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -47,21 +47,37 @@ impl Texture {
     }
 }
 
-/// Concatenates textures; an image that several of them read is stored once.
+/// All textures, and the images that they read.
+#[derive(Clone, Debug, Default)]
+pub struct GpuTextures {
+    /// One header a texture.
+    pub headers: Vec<GpuTexture>,
+    /// For each texture, the number of its image.
+    pub image_of: Vec<usize>,
+    /// Each image once, however many textures read it.
+    pub images: Vec<Arc<Image>>,
+}
+
+impl GpuTextures {
+    /// Whether these are the same readings of the same images.
+    pub(crate) fn same_as(&self, other: &Self) -> bool {
+        let images = |of: &Self| of.images.iter().map(Arc::as_ptr).collect::<Vec<_>>();
+        self.headers == other.headers && self.image_of == other.image_of && images(self) == images(other)
+    }
+}
+
+/// Lists textures; an image that several of them read is there once.
 pub(crate) fn pack<'a>(textures: impl Iterator<Item = &'a Texture>) -> GpuTextures {
     let mut packed = GpuTextures::default();
-    let mut stored: Vec<(*const Image, u32)> = vec![];
     for texture in textures {
         let image = &texture.image;
-        let known = stored.iter().find(|(stored, _)| *stored == Arc::as_ptr(image)).map(|&(_, first)| first);
-        let first_texel = known.unwrap_or_else(|| {
-            let first = packed.texels.len() as u32;
-            packed.texels.extend_from_slice(&image.texels);
-            stored.push((Arc::as_ptr(image), first));
-            first
-        });
+        let known = packed.images.iter().position(|known| Arc::ptr_eq(known, image));
+        packed.image_of.push(known.unwrap_or(packed.images.len()));
+        if known.is_none() {
+            packed.images.push(image.clone());
+        }
         packed.headers.push(GpuTexture {
-            first_texel,
+            first_texel: 0,
             width: image.width,
             height: image.height,
             flags: texture.flags(),
@@ -82,8 +98,7 @@ mod tests {
             Texture { image, wrap: [Wrap::Mirror, Wrap::Repeat], srgb: false, nearest: true },
         ];
         let packed = pack(textures.iter());
-        assert_eq!(packed.texels.len(), 2);
-        assert_eq!(packed.headers.iter().map(|h| h.first_texel).collect::<Vec<_>>(), [0, 0]);
+        assert_eq!((packed.images.len(), packed.image_of.as_slice()), (1, [0, 0].as_slice()));
         assert_eq!(packed.headers.iter().map(|h| h.flags).collect::<Vec<_>>(), [0b01_10_00, 0b10_00_01]);
     }
 }

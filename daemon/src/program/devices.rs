@@ -47,6 +47,7 @@ fn to_json(device: &DeviceInfo) -> Value {
         "index": device.index, "name": device.name, "kind": device.kind, "uuid": device.uuid,
         "driver": { "name": device.driver_name, "info": device.driver_info }, "api_version": device.api_version,
         "usable": device.lacks.is_empty(), "lacks": device.lacks, "queue_families": families, "displays": displays,
+        "projector_family": device.projector_family, "upload_family": device.upload_family,
         "abilities": device.abilities, "max_storage_buffer_bytes": device.max_storage_buffer_bytes,
         "max_texel_buffer_elements": device.max_texel_buffer_elements, "subgroup_size": device.subgroup_size,
         "memory_heaps": heaps,
@@ -71,6 +72,11 @@ fn to_text(device: &DeviceInfo) -> String {
     for family in &device.queue_families {
         row(&format!("queue family {}", family.index), format!("{} queues: {}", family.count, family.flags.join(", ")));
     }
+    let uploads = match device.upload_family {
+        Some(family) => format!("beside the frames, on a queue of family {family}"),
+        None => "between the frames, on the projectors' first queue: no family is for copies alone".to_owned(),
+    };
+    row("uploads", uploads);
     for heap in &device.memory_heaps {
         let place = if heap.device_local { "on the device" } else { "of the host" };
         row("memory", format!("{} MiB {place}", heap.bytes >> 20));

@@ -19,7 +19,7 @@ use lantern_tracking::Trackers;
 use super::background::Background;
 use super::frames::{Links, lock_editor};
 use super::setup;
-use super::shared::Request;
+use super::shared::{Lease, Request};
 use super::state::Store;
 use crate::control::{Engine, Picture};
 use crate::encode;
@@ -108,22 +108,26 @@ impl DaemonEngine {
         Err(ErrorBody::new("unknown-projector", message).at("projector"))
     }
 
-    /// Does what may take long of some edits on a copy of the editor, in the background: nobody else's edits wait for it, nor
-    /// do bodies that move their nodes. A refusal here is that of the scene as it was when the edits came.
-    fn prepare(&self, edits: &[Edit]) -> Result<Option<Editor>, ErrorBody> {
+    /// Does what may take long of some edits before any revision is made of them: on a copy of the editor, in the background, so
+    /// that nobody else's edits wait for it, nor bodies that move their nodes; and what they hold is brought to the device, so
+    /// that a revision of them can be shown at once. A refusal here is that of the scene as it was when the edits came.
+    fn prepare(&self, edits: &[Edit]) -> Result<Option<Prepared>, ErrorBody> {
         if !may_take_long(edits) {
             return Ok(None);
         }
         let mut copy = lock_editor(&self.links.editor).clone();
+        let now = copy.current();
         let edits = edits.to_vec();
         let applied = self.background.run(move || copy.apply(&edits).map(|_| copy)).map_err(|_| stopping())?;
-        applied.map(Some).map_err(refused)
+        let editor = applied.map_err(refused)?;
+        let lease = self.bring(&now, editor.current())?;
+        Ok(Some(Prepared { editor, _lease: lease }))
     }
 
     /// Makes a revision out of what was prepared; gives the one before as well.
-    fn edit(&self, edits: &[Edit], prepared: Option<Editor>) -> Result<(Arc<Scene>, Arc<Scene>), ErrorBody> {
+    fn edit(&self, edits: &[Edit], prepared: Option<&Editor>) -> Result<(Arc<Scene>, Arc<Scene>), ErrorBody> {
         let mut copy = lock_editor(&self.links.editor).clone();
-        if let Some(prepared) = &prepared {
+        if let Some(prepared) = prepared {
             copy.learn_from(prepared);
         }
         let read_from = copy.current();
@@ -142,6 +146,18 @@ impl DaemonEngine {
         Ok((before, scene))
     }
 
+    /// Waits until what a draft holds is on the device, where that is more than one frame takes along. It stays there as long as
+    /// the lease.
+    fn bring(&self, now: &Scene, draft: Arc<Scene>) -> Result<Option<Arc<Lease>>, ErrorBody> {
+        if lantern_render::bytes_beyond(now, &draft) <= lantern_render::UPLOAD_BYTES_A_FRAME {
+            return Ok(None);
+        }
+        let lease = self.links.shared.lease();
+        let (reply, answer) = sync_channel(1);
+        self.ask(Request::Prepare { scene: draft, lease: Arc::downgrade(&lease), reply }, &answer)?;
+        Ok(Some(lease))
+    }
+
     /// Publishes a revision and waits until it is shown; gives the frame.
     fn show(&self, scene: &Arc<Scene>) -> Result<u64, ErrorBody> {
         heard(self.links.shared.publish(scene.clone()).recv_timeout(PATIENCE))
@@ -154,6 +170,14 @@ impl DaemonEngine {
             tracing::error!(revision = scene.revision, "the scene before cannot be shown again: {error}");
         }
     }
+}
+
+/// What some edits need, before a revision is made of them.
+struct Prepared {
+    /// Knows all that was loaded.
+    editor: Editor,
+    /// Keeps on the device what was brought there, until the revision is shown or refused.
+    _lease: Option<Arc<Lease>>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -245,7 +269,7 @@ impl Engine for DaemonEngine {
     fn apply(&self, edits: &[Edit], durable: bool) -> Result<Applied, ErrorBody> {
         let prepared = self.prepare(edits)?;
         let _turn = lock(&self.applying);
-        let (before, scene) = self.edit(edits, prepared)?;
+        let (before, scene) = self.edit(edits, prepared.as_ref().map(|prepared| &prepared.editor))?;
         let done = self.show(&scene).and_then(|frame| {
             let durable = durable && self.keep(&scene)?;
             Ok(Applied { revision: scene.revision, frame, durable })

@@ -1,7 +1,7 @@
 //! The frame thread: it alone talks to the device, sleeps while nothing changes, and shows one snapshot on all projectors.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -12,7 +12,7 @@ use lantern_render::{FrameReport, Pattern, ProjectorSpec, RenderError, Renderer,
 use lantern_scene::{Editor, Place, Scene};
 use lantern_tracking::Bodies;
 
-use super::shared::{Request, Shared, Turn};
+use super::shared::{Lease, Request, Shared, Turn};
 use super::stats::Stats;
 use crate::output::Headless;
 
@@ -85,6 +85,16 @@ struct FrameThread {
     counted_refresh: u64,
     /// Whether bodies have yet to move their nodes, because an edit in the making has the editor.
     behind: bool,
+    /// What is brought to the device ahead of revisions made of it.
+    prepared: Vec<Prepared>,
+}
+
+/// A scene that is to be on the device before a revision is made of it.
+struct Prepared {
+    scene: Arc<Scene>,
+    lease: Weak<Lease>,
+    /// Who waits for it; nobody once it is there.
+    reply: Option<SyncSender<Result<(), String>>>,
 }
 
 fn clock_of(refresh_hz: &[f64]) -> Headless {
@@ -96,15 +106,29 @@ impl FrameThread {
         let clock = clock_of(&setup.refresh_hz);
         let renderer = Renderer::new(&device, setup.projectors, setup.settings, setup.scene)?;
         links.stats.set_projectors(&renderer);
-        Ok(Self { device, renderer, links, clock, frames, frame: 0, counted_refresh: 0, behind: false })
+        Ok(Self {
+            device,
+            renderer,
+            links,
+            clock,
+            frames,
+            frame: 0,
+            counted_refresh: 0,
+            behind: false,
+            prepared: Vec::new(),
+        })
     }
 
     fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Ended {
         loop {
             // Asleep until something changes; where frames are counted, or a node has yet to follow its body, until the next
-            // refresh at the latest.
+            // refresh at the latest; and not at all while something is on its way to the device.
             let wakes = self.frames.is_some() || self.behind;
-            let until = wakes.then(|| self.clock.next_refresh(Instant::now()));
+            let until = if self.renderer.is_uploading() {
+                Some(Instant::now())
+            } else {
+                wakes.then(|| self.clock.next_refresh(Instant::now()))
+            };
             let turn = self.links.shared.wait(until);
             if turn.stop {
                 return Ok(());
@@ -126,7 +150,8 @@ impl FrameThread {
         let began = Instant::now();
         let rendered = match self.show() {
             Ok(rendered) => {
-                self.links.shared.shown(revision, Ok(self.frame));
+                // Perhaps still the one before: then whoever waits for this one goes on doing so.
+                self.links.shared.shown(self.renderer.scene().revision, Ok(self.frame));
                 rendered
             }
             Err(error) => {
@@ -137,9 +162,14 @@ impl FrameThread {
                 }
                 tracing::warn!(revision, %error, "this revision cannot be shown; the one before stays");
                 self.renderer.set_scene(before);
+                for prepared in self.prepared.drain(..).filter_map(|prepared| prepared.reply) {
+                    let _ = prepared.send(Err(error.to_string()));
+                }
+                self.renderer.prepare(Vec::new())?;
                 self.show()?
             }
         };
+        self.attend_to_prepared()?;
         for request in turn.requests {
             self.serve(request);
         }
@@ -147,6 +177,21 @@ impl FrameThread {
         // No picture stands for less than a refresh.
         if rendered {
             self.links.shared.pause(self.clock.next_refresh(began));
+        }
+        Ok(())
+    }
+
+    /// Answers for what has come to the device, and lets go of what nobody needs there any more.
+    fn attend_to_prepared(&mut self) -> Ended {
+        for prepared in &mut self.prepared {
+            if let Some(reply) = prepared.reply.take_if(|_| self.renderer.is_prepared(&prepared.scene)) {
+                let _ = reply.send(Ok(()));
+            }
+        }
+        let before = self.prepared.len();
+        self.prepared.retain(|prepared| prepared.lease.strong_count() > 0);
+        if self.prepared.len() < before {
+            self.renderer.prepare(self.prepared.iter().map(|prepared| prepared.scene.clone()).collect())?;
         }
         Ok(())
     }
@@ -230,6 +275,13 @@ impl FrameThread {
             Request::Pattern { projector, pattern, reply } => {
                 let _ = reply.send(self.set_pattern(projector.as_deref(), pattern).map_err(|e| e.to_string()));
             }
+            Request::Prepare { scene, lease, reply } => {
+                let others = self.prepared.iter().map(|prepared| prepared.scene.clone());
+                match self.renderer.prepare(others.chain([scene.clone()]).collect()) {
+                    Ok(()) => self.prepared.push(Prepared { scene, lease, reply: Some(reply) }),
+                    Err(error) => drop(reply.send(Err(error.to_string()))),
+                }
+            }
             Request::Reconfigure { setup, reply } => {
                 let _ = reply.send(self.reconfigure(*setup).map_err(|e| e.to_string()));
             }
@@ -261,6 +313,8 @@ impl FrameThread {
             let mut renderer = Renderer::new(&self.device, setup.projectors, setup.settings, setup.scene)?;
             let report = renderer.render(|| eyes(&self.links.bodies))?;
             self.renderer = renderer;
+            // What was brought to the device for others has gone with the old one.
+            self.renderer.prepare(self.prepared.iter().map(|prepared| prepared.scene.clone()).collect())?;
             report
         };
         self.links.shared.publish_shown(self.renderer.scene());
@@ -278,7 +332,11 @@ impl FrameThread {
     fn take(&mut self, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>) -> Result<Option<FrameReport>, RenderError> {
         self.renderer.set_projectors(projectors)?;
         self.renderer.set_scene(scene);
-        self.renderer.render(|| eyes(&self.links.bodies))
+        let mut report = self.renderer.render(|| eyes(&self.links.bodies))?;
+        while self.renderer.is_pending() {
+            report = self.renderer.render(|| eyes(&self.links.bodies))?.or(report);
+        }
+        Ok(report)
     }
 }
 

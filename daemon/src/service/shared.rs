@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Instant;
 
 use lantern_render::{Layer, LayerImage, Pattern};
@@ -40,6 +40,15 @@ pub enum Request {
         /// Where the answer goes, once it is shown.
         reply: SyncSender<Result<(), String>>,
     },
+    /// What a scene holds, brought to the device beside the frames, ahead of a revision made of it.
+    Prepare {
+        /// The scene, of no revision that is published.
+        scene: Arc<Scene>,
+        /// Where nobody holds it any more, what was brought need not stay for its sake.
+        lease: Weak<Lease>,
+        /// Where the answer goes, once everything is there.
+        reply: SyncSender<Result<(), String>>,
+    },
     /// Other projectors or settings.
     Reconfigure {
         /// All of them.
@@ -47,6 +56,15 @@ pub enum Request {
         /// Where the answer goes.
         reply: SyncSender<Result<(), String>>,
     },
+}
+
+/// Held by whoever had a scene prepared, until a revision made of it is shown or refused.
+pub struct Lease(Arc<Shared>);
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.0.stir();
+    }
 }
 
 /// Somebody who waits for a revision to be shown.
@@ -84,6 +102,11 @@ impl Shared {
     pub fn new(scene: Arc<Scene>) -> Arc<Self> {
         let inner = Inner { scene, waiters: Vec::new(), requests: VecDeque::new(), stirred: true, stop: false };
         Arc::new(Self { inner: Mutex::new(inner), wake: Condvar::new() })
+    }
+
+    /// For [`Request::Prepare`].
+    pub fn lease(self: &Arc<Self>) -> Arc<Lease> {
+        Arc::new(Lease(self.clone()))
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {

@@ -1,7 +1,7 @@
 //! glTF textures: wrap modes, sRGB, bilinear filtering in linear light.
 
 use glam::{DVec2, DVec4};
-use lantern_scene::pack::{GpuTexture, GpuTextures};
+use lantern_scene::GpuTextures;
 
 /// IEC 61966-2-1, decoding.
 pub fn srgb_to_linear(c: f64) -> f64 {
@@ -25,11 +25,13 @@ fn wrap(i: i64, size: i64, mode: u32) -> i64 {
     }
 }
 
-fn texel(textures: &GpuTextures, header: &GpuTexture, x: i64, y: i64) -> DVec4 {
+fn texel(textures: &GpuTextures, index: usize, x: i64, y: i64) -> DVec4 {
+    let header = &textures.headers[index];
     let x = wrap(x, i64::from(header.width), header.flags & 3);
     let y = wrap(y, i64::from(header.height), header.flags >> 2 & 3);
-    let at = i64::from(header.first_texel) + y * i64::from(header.width) + x;
-    let [r, g, b, a] = textures.texels[at as usize].map(|byte| f64::from(byte) / 255.0);
+    let image = &textures.images[textures.image_of[index]];
+    let at = y * i64::from(header.width) + x;
+    let [r, g, b, a] = image.texels[at as usize].map(|byte| f64::from(byte) / 255.0);
     if header.flags & 16 != 0 {
         DVec4::new(srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a)
     } else {
@@ -39,22 +41,24 @@ fn texel(textures: &GpuTextures, header: &GpuTexture, x: i64, y: i64) -> DVec4 {
 
 /// A texture's value; (0, 0) is the top left corner of the top left texel.
 pub fn texture_at(textures: &GpuTextures, index: u32, uv: DVec2) -> DVec4 {
-    let header = &textures.headers[index as usize];
+    let index = index as usize;
+    let header = &textures.headers[index];
     let at = uv * DVec2::new(f64::from(header.width), f64::from(header.height));
     if header.flags & 32 != 0 {
-        return texel(textures, header, at.x.floor() as i64, at.y.floor() as i64);
+        return texel(textures, index, at.x.floor() as i64, at.y.floor() as i64);
     }
     let corner = (at - 0.5).floor();
     let f = at - 0.5 - corner;
     let (x, y) = (corner.x as i64, corner.y as i64);
-    let top = texel(textures, header, x, y).lerp(texel(textures, header, x + 1, y), f.x);
-    let bottom = texel(textures, header, x, y + 1).lerp(texel(textures, header, x + 1, y + 1), f.x);
+    let top = texel(textures, index, x, y).lerp(texel(textures, index, x + 1, y), f.x);
+    let bottom = texel(textures, index, x, y + 1).lerp(texel(textures, index, x + 1, y + 1), f.x);
     top.lerp(bottom, f.y)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lantern_scene::{Image, pack::GpuTexture};
 
     #[test]
     fn wrapping_goes_around_back_and_stops() {
@@ -66,7 +70,8 @@ mod tests {
     #[test]
     fn filtering_is_in_linear_light() {
         let header = GpuTexture { first_texel: 0, width: 2, height: 1, flags: 2 | 2 << 2 | 16 };
-        let textures = GpuTextures { headers: vec![header], texels: vec![[0, 0, 0, 255], [255, 255, 255, 255]] };
+        let image = Image { width: 2, height: 1, texels: vec![[0, 0, 0, 255], [255, 255, 255, 255]] };
+        let textures = GpuTextures { headers: vec![header], image_of: vec![0], images: vec![image.into()] };
         let middle = texture_at(&textures, 0, DVec2::new(0.5, 0.5));
         assert!((middle.x - 0.5).abs() < 1e-12, "{middle}");
         assert_eq!(texture_at(&textures, 0, DVec2::new(-3.0, 0.5)).x, 0.0);

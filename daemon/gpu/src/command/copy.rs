@@ -10,6 +10,17 @@ use crate::buffer::{Buffer, BufferKind};
 use crate::error::GpuError;
 use crate::image::{Image, ImageUsage};
 
+/// A range to copy, bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CopyRegion {
+    /// Where it begins in the source.
+    pub src_offset: u64,
+    /// Where it begins in the destination.
+    pub dst_offset: u64,
+    /// How long it is.
+    pub bytes: u64,
+}
+
 impl Recorder {
     /// Copies `bytes` bytes between buffers, or within one between ranges that do not overlap.
     ///
@@ -40,6 +51,46 @@ impl Recorder {
         // SAFETY: recording outside of a rendering; both ranges are inside buffers of this device that may be copied,
         // do not overlap, and are kept below.
         unsafe { self.raw().cmd_copy_buffer(self.recording.commands(), src.raw, dst.raw, &[region]) };
+        self.keep(src);
+        self.keep(dst);
+        Ok(())
+    }
+
+    /// Copies several ranges from one buffer to another, in no order; no two may overlap where they are written.
+    ///
+    /// # Errors
+    /// [`GpuError::Range`], [`GpuError::Misuse`] for a copy within one buffer or ranges that overlap.
+    pub fn copy_regions(
+        &mut self,
+        src: &Arc<Buffer>,
+        dst: &Arc<Buffer>,
+        regions: &[CopyRegion],
+    ) -> Result<(), GpuError> {
+        self.check_outside()?;
+        if Arc::ptr_eq(src, dst) {
+            return Err(GpuError::misuse(src.name(), "ranges copied within one buffer"));
+        }
+        let mut raw: Vec<vk::BufferCopy> = Vec::with_capacity(regions.len());
+        for region in regions.iter().filter(|region| region.bytes > 0) {
+            src.check_range(region.src_offset, region.bytes)?;
+            dst.check_range(region.dst_offset, region.bytes)?;
+            let CopyRegion { src_offset, dst_offset, bytes: size } = *region;
+            raw.push(vk::BufferCopy { src_offset, dst_offset, size });
+        }
+        raw.sort_unstable_by_key(|region| region.dst_offset);
+        if raw.windows(2).any(|pair| pair[0].dst_offset + pair[0].size > pair[1].dst_offset) {
+            return Err(GpuError::misuse(dst.name(), "copies to ranges that overlap"));
+        }
+        if raw.is_empty() {
+            return Ok(());
+        }
+        let mut uses = Uses::default();
+        uses.add_buffer(src, AccessSet::of(Access::CopyRead));
+        uses.add_buffer(dst, AccessSet::of(Access::CopyWrite));
+        self.apply(&uses)?;
+        // SAFETY: recording outside of a rendering; all ranges are inside two buffers of this device that may be copied, do not
+        // overlap where they are written, and both are kept below.
+        unsafe { self.raw().cmd_copy_buffer(self.recording.commands(), src.raw, dst.raw, &raw) };
         self.keep(src);
         self.keep(dst);
         Ok(())
@@ -82,6 +133,7 @@ impl Recorder {
     /// [`GpuError::Unwritten`].
     pub fn copy_image_to_buffer(&mut self, src: &Arc<Image>, dst: &Arc<Buffer>) -> Result<(), GpuError> {
         self.check_outside()?;
+        self.check_draws_and_computes()?;
         src.require(ImageUsage::TRANSFER, "the source of a copy")?;
         dst.check_range(0, src.bytes())?;
         let mut uses = Uses::default();

@@ -38,6 +38,7 @@ impl Recorder {
         f: impl FnOnce(&mut Draws<'_>) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
         self.check_outside()?;
+        self.check_draws_and_computes()?;
         let extent = check_targets(name, self.device().limits().max_color_attachments, colors, depth)?;
         let mut all = Uses::default();
         let targets = colors.iter().map(|target| (target, Access::ColorTarget));
@@ -170,6 +171,7 @@ impl Draws<'_> {
         // SAFETY: inside a rendering whose attachments have the pipeline's formats; pipeline, bindings and push
         // constants are bound for this layout, viewport and scissor are set, and there is no vertex input.
         unsafe { self.recorder.raw().cmd_draw(self.recorder.recording.commands(), vertices, instances, 0, 0) };
+        self.recorder.recording.dispatches += 1;
         self.recorder.keep(pipeline);
         Ok(())
     }

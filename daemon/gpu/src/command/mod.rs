@@ -22,6 +22,7 @@ use crate::pipeline::ComputePipeline;
 use recording::Recording;
 use uses::Uses;
 
+pub use copy::CopyRegion;
 pub use draw::{Draws, Load};
 pub use recording::Commands;
 
@@ -46,6 +47,8 @@ pub struct Recorder {
     open_spans: u32,
     /// Set while a rendering is open, and for good when one was left open by a panic.
     in_rendering: bool,
+    /// Whether it is for the queue of uploads.
+    copies_alone: bool,
 }
 
 impl std::fmt::Debug for Recorder {
@@ -60,15 +63,29 @@ impl Recorder {
     /// # Errors
     /// No memory, or [`GpuError::DeviceLost`].
     pub fn new(device: &Arc<Device>, queue: usize, name: &str) -> Result<Recorder, GpuError> {
-        let mut encoder = match device.release().take_spare() {
+        Recorder::on(device, queue % device.queue_count(), name, false)
+    }
+
+    /// Begins a recording for the queue of uploads, which is one for copies alone where the device has one: nothing else can be
+    /// recorded, whatever the device.
+    ///
+    /// # Errors
+    /// No memory, or [`GpuError::DeviceLost`].
+    pub fn for_uploads(device: &Arc<Device>, name: &str) -> Result<Recorder, GpuError> {
+        Recorder::on(device, device.upload_at(), name, true)
+    }
+
+    fn on(device: &Arc<Device>, at: usize, name: &str, copies_alone: bool) -> Result<Recorder, GpuError> {
+        let family = device.queues[at].family;
+        let mut encoder = match device.release().take_spare(family) {
             Some(encoder) => encoder,
-            None => Encoder::new(device.handle(), device.queue(queue).family)?,
+            None => Encoder::new(device.handle(), family)?,
         };
         encoder.begin(name)?;
         let recording = Recording {
             device: Arc::clone(device),
             name: name.into(),
-            ticket: device.ticket(queue),
+            ticket: device.ticket(at),
             depends: Vec::new(),
             kept: Vec::new(),
             spans: Vec::new(),
@@ -84,6 +101,7 @@ impl Recorder {
             next_query: 0,
             open_spans: 0,
             in_rendering: false,
+            copies_alone,
         };
         recorder.timestamp();
         Ok(recorder)
@@ -270,7 +288,16 @@ impl Recorder {
         Ok(())
     }
 
+    /// Refuses what a queue for copies alone cannot do.
+    fn check_draws_and_computes(&self) -> Result<(), GpuError> {
+        if self.copies_alone {
+            return Err(GpuError::misuse(&self.recording.name, "a recording of uploads holds copies of buffers alone"));
+        }
+        Ok(())
+    }
+
     fn check_pipeline(&self, layout: &Layout, bindings: &Bindings, push: &[u8]) -> Result<(), GpuError> {
+        self.check_draws_and_computes()?;
         if !Arc::ptr_eq(&layout.device, self.device().handle()) {
             return Err(GpuError::OtherDevice { object: layout.name.clone() });
         }

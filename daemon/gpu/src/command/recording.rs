@@ -76,9 +76,13 @@ impl Commands {
         &self.0.depends
     }
 
-    /// What it adds to the device's work, once it is submitted.
+    /// What they add to the device's work, once they are submitted, but for the call itself.
     pub(crate) fn work(&self) -> Work {
-        Work { submissions: 1, dispatches: self.0.dispatches.into(), barriers: self.0.barriers.into() }
+        Work { submissions: 0, dispatches: self.0.dispatches.into(), barriers: self.0.barriers.into() }
+    }
+
+    pub(crate) fn ticket(&self) -> &Arc<Ticket> {
+        &self.0.ticket
     }
 
     pub(crate) fn raw(&self) -> vk::CommandBuffer {
