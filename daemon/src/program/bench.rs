@@ -9,7 +9,7 @@ use glam::DVec3;
 use hdrhistogram::Histogram;
 use lantern_gpu::{Device, Work};
 use lantern_render::stale::Stale;
-use lantern_render::{ProjectorReport, RayCounts, Renderer, Settings};
+use lantern_render::{ProjectorReport, RayCounts, Renderer, Settings, Span};
 use lantern_scene::{Editor, Role};
 use serde_json::{Value, json};
 
@@ -57,6 +57,8 @@ struct Times {
     rays: RayCounts,
     /// Of the projector alone.
     gpu_bytes: u64,
+    /// When the passes of the last frame ran.
+    timeline: Vec<Span>,
 }
 
 /// What was measured in a case.
@@ -147,8 +149,13 @@ fn run_case(
     frames: u32,
 ) -> anyhow::Result<Measured> {
     let names: Vec<String> = renderer.projectors().map(|p| p.name.clone()).collect();
-    let nothing =
-        |gpu_bytes| Times { frame: histogram(), stages: BTreeMap::new(), rays: RayCounts::default(), gpu_bytes };
+    let nothing = |gpu_bytes| Times {
+        frame: histogram(),
+        stages: BTreeMap::new(),
+        rays: RayCounts::default(),
+        gpu_bytes,
+        timeline: Vec::new(),
+    };
     let mut all: BTreeMap<String, Times> =
         names.iter().zip(renderer.projector_bytes()).map(|(n, bytes)| (n.clone(), nothing(bytes))).collect();
     // One prop moves; a scene without any has none to move.
@@ -209,6 +216,7 @@ fn add(times: &mut Times, report: &ProjectorReport) {
         times.stages.entry(stage).or_insert_with(histogram).saturating_record(((ms * 1e3) as u64).max(1));
     }
     times.rays = report.rays.unwrap_or(times.rays);
+    times.timeline.clone_from(&report.timeline);
 }
 
 fn ms(histogram: &Histogram<u64>, quantile: f64) -> f64 {
@@ -259,7 +267,12 @@ fn to_json(done: &Done<'_>) -> Value {
         let rays: BTreeMap<_, _> = kinds(&times.rays).into_iter().map(|(k, n, _)| (k, n)).collect();
         let speed: BTreeMap<_, _> =
             kinds(&times.rays).into_iter().filter_map(|(k, n, s)| Some((k, mray_s(times, n, s)?))).collect();
-        json!({ "frame_ms": percentiles(&times.frame), "stages_ms": stages, "rays": rays, "mray_s": speed, "gpu_bytes": times.gpu_bytes })
+        let span = |s: &Span| json!({ "pass": s.pass, "start_ms": s.start_ms, "end_ms": s.end_ms });
+        let timeline: Vec<_> = times.timeline.iter().map(span).collect();
+        json!({
+            "frame_ms": percentiles(&times.frame), "stages_ms": stages, "rays": rays, "mray_s": speed,
+            "gpu_bytes": times.gpu_bytes, "timeline": timeline,
+        })
     };
     let of_case = |case: &Measured| {
         let all: BTreeMap<_, _> = case.projectors.iter().map(|(name, t)| (name, of_projector(t))).collect();
