@@ -151,7 +151,9 @@ fn revisions_that_need_no_upload_do_not_wait_for_one_that_does() {
         }
     }
     assert!(moves >= 4, "{moves} moves");
-    let with_ball = apply(&mut editor, ball("ball", 0.3));
+    // The draft's editor goes on from what was made meanwhile: it alone knows what it loaded.
+    ahead.go_on_from(editor.current());
+    let with_ball = apply(&mut ahead, ball("ball", 0.3));
     rig.renderer.set_scene(with_ball.clone());
     let report = rig.show(&[eye(0)]).unwrap();
     assert_eq!((report.revision, report.uploaded_bytes), (with_ball.revision, 0));
@@ -202,5 +204,49 @@ fn a_newer_revision_takes_over_what_was_on_its_way() {
     }
     assert_shows(&rig, &moved, eye(1));
     assert!(old.revision < moved.revision);
+    assert_validation_is_silent();
+}
+
+/// A walk over scenes and slices of any size, revisions often superseded half way: blocks come, go and move in all orders.
+#[test]
+fn any_sequence_of_revisions_shows_what_a_renderer_of_the_last_one_shows() {
+    let (mut editor, mut rig) = setting();
+    rig.show(&[eye(0)]);
+    let mut seed = 7u64;
+    let mut random = |below: u64| {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 33) % below
+    };
+    let shapes = ["sphere", "teapot", "cube", "checker"];
+    let mut there = [false; 4];
+    let (mut superseded, mut shown) = (0, 0);
+    for step in 0..60 {
+        let index = random(4) as usize;
+        let (name, x) = (shapes[index], -0.9 + 0.5 * index as f64);
+        let edit = if there[index] {
+            json!({"remove": {"node": name}})
+        } else {
+            let uri = format!("lantern:{name}");
+            json!({"add": {"node": name, "uri": uri, "translation_m": [x, 0.4, 0.3], "scale": [0.2, 0.2, 0.2]}})
+        };
+        there[index] = !there[index];
+        rig.renderer.set_upload_budget([1_000, 20_011, 150_001, 4 << 20][random(4) as usize]);
+        rig.renderer.set_scene(apply(&mut editor, edit));
+        for _ in 0..random(8) {
+            rig.show(&[eye(step)]);
+        }
+        superseded += u32::from(rig.renderer.is_pending());
+        if step % 6 == 5 {
+            rig.renderer.set_upload_budget(SLICE_BYTES);
+            while rig.renderer.is_uploading() {
+                rig.show(&[eye(step)]);
+            }
+            shown += 1;
+            assert_eq!(rig.renderer.scene().revision, editor.current().revision);
+            rig.show(&[eye(step)]);
+            assert_shows(&rig, &editor.current(), eye(step));
+        }
+    }
+    assert!(superseded >= 10 && shown == 10, "{superseded} superseded, {shown} shown");
     assert_validation_is_silent();
 }
