@@ -151,9 +151,8 @@ fn revisions_that_need_no_upload_do_not_wait_for_one_that_does() {
         }
     }
     assert!(moves >= 4, "{moves} moves");
-    // The draft's editor goes on from what was made meanwhile: it alone knows what it loaded.
-    ahead.go_on_from(editor.current());
-    let with_ball = apply(&mut ahead, ball("ball", 0.3));
+    editor.learn_from(&ahead);
+    let with_ball = apply(&mut editor, ball("ball", 0.3));
     rig.renderer.set_scene(with_ball.clone());
     let report = rig.show(&[eye(0)]).unwrap();
     assert_eq!((report.revision, report.uploaded_bytes), (with_ball.revision, 0));
