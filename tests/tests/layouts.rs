@@ -217,7 +217,6 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
         shade_once,
         pattern,
         environment_first,
-        pad,
     });
     let texture = members!(GpuTexture { first_texel, width, height, flags });
     let moved = members!(GpuMovedBox { low, pad0, high, pad1 });
