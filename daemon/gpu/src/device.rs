@@ -24,7 +24,7 @@ const DROP_PATIENCE: Duration = Duration::from_secs(10);
 pub struct Work {
     /// Command buffers, each a submission of its own.
     pub submissions: u64,
-    /// Compute dispatches in them, direct and indirect.
+    /// Compute dispatches in them, direct and indirect, and draws.
     pub dispatches: u64,
     /// Barriers in them.
     pub barriers: u64,
