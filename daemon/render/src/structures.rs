@@ -29,7 +29,8 @@ pub(crate) struct Structures {
 impl Structures {
     /// Builds what `scene` has and the last one had not. True when the top level is another, so that what binds it must bind it again.
     pub(crate) fn update(&mut self, recorder: &mut Recorder, scene: &Scene) -> Result<bool, GpuError> {
-        let same_meshes = self.bottoms.iter().map(|(mesh, _)| Arc::as_ptr(mesh)).eq(scene.meshes.iter().map(Arc::as_ptr));
+        let same_meshes =
+            self.bottoms.iter().map(|(mesh, _)| Arc::as_ptr(mesh)).eq(scene.meshes.iter().map(Arc::as_ptr));
         if same_meshes && self.top.as_ref().is_some_and(|was| Arc::ptr_eq(was, &scene.top)) {
             return Ok(false);
         }
