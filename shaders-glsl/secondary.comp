@@ -162,7 +162,7 @@ vec3 shade(Sight sight, uvec2 pixel, uint s_index) {
                            FOR_LOOK));
         }
     }
-    
+
     // Lights: one shadow ray each serves the diffuse part (not at the point: another pass has it) and the highlights. They wait on
     // top, so that no other surface's are among them.
     vec3 diffuse = sight.is_point && !sight.takes_back ? vec3(0.0) : diffuse_color(s);

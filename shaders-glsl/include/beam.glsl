@@ -74,9 +74,8 @@ Slabs slabs_of(Beam b, uvec4 root, float t_max) {
 }
 
 void traverse_mesh(Beam b, float t_min, uint instance, InstanceWords words, inout BeamHits hits) {
-    int first_node = int(words.node_base) * 5;
     float farthest = most(hits.t);
-    Slabs slabs = slabs_of(b, texelFetch(blas_nodes, first_node), farthest);
+    Slabs slabs = slabs_of(b, texelFetch(blas_nodes, int(words.node_base) * 5), farthest);
     uint octant4 = octant_inverse(slabs.near_inverse);
     uvec4 wins;
     for (int i = 0; i < 4; ++i) {
@@ -96,13 +95,7 @@ void traverse_mesh(Beam b, float t_min, uint instance, InstanceWords words, inou
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            int at = first_node + int(child) * 5;
-            uvec4 n0 = texelFetch(blas_nodes, at);
-            uvec4 n1 = texelFetch(blas_nodes, at + 1);
-            uint mask = intersect_node(n0, n1, texelFetch(blas_nodes, at + 2), texelFetch(blas_nodes, at + 3),
-                                       texelFetch(blas_nodes, at + 4), slabs, octant4, t_min, farthest);
-            group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
-            primitives = uvec2(n1.y, mask & ~NODE_BITS);
+            open_node(blas_nodes, int(words.node_base + child), slabs, octant4, t_min, farthest, group, primitives);
             if ((group.y & NODE_BITS) == 0u && top > 0) {
                 group = stack[--top];
             }
@@ -160,13 +153,7 @@ BeamHits trace_closest(Beam b, float t_min, vec4 t_max, uint roles) {
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            int at = int(child) * 5;
-            uvec4 n0 = texelFetch(tlas_nodes, at);
-            uvec4 n1 = texelFetch(tlas_nodes, at + 1);
-            uint mask = intersect_node(n0, n1, texelFetch(tlas_nodes, at + 2), texelFetch(tlas_nodes, at + 3),
-                                       texelFetch(tlas_nodes, at + 4), slabs, octant4, t_min, most(hits.t));
-            group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
-            entries = uvec2(n1.y, mask & ~NODE_BITS);
+            open_node(tlas_nodes, int(child), slabs, octant4, t_min, most(hits.t), group, entries);
         }
 
         if (entries.y != 0u) {

@@ -156,6 +156,18 @@ uint next_child(inout uvec2 group, uint octant4) {
     return child;
 }
 
+// Fetches node `at` of a structure and meets it: the inner nodes among its children that are met become the group, the triangles or
+// instances the leaves.
+void open_node(usamplerBuffer nodes, int at, Slabs slabs, uint octant4, float t_min, float t_max, out uvec2 group, out uvec2 leaves) {
+    int texel = at * 5;
+    uvec4 n0 = texelFetch(nodes, texel);
+    uvec4 n1 = texelFetch(nodes, texel + 1);
+    uint mask = intersect_node(n0, n1, texelFetch(nodes, texel + 2), texelFetch(nodes, texel + 3), texelFetch(nodes, texel + 4), slabs,
+                               octant4, t_min, t_max);
+    group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
+    leaves = uvec2(n1.y, mask & ~NODE_BITS);
+}
+
 // Loops here end at the bottom of their bodies. A driver that keeps lanes apart by masks runs what follows a `break` once more for
 // nothing, and a loop whose condition stands on top one whole turn more; on lavapipe that was a third of the time.
 
@@ -181,13 +193,7 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            int at = (int(words.node_base) + int(child)) * 5;
-            uvec4 n0 = texelFetch(blas_nodes, at);
-            uvec4 n1 = texelFetch(blas_nodes, at + 1);
-            uint mask = intersect_node(n0, n1, texelFetch(blas_nodes, at + 2), texelFetch(blas_nodes, at + 3),
-                                       texelFetch(blas_nodes, at + 4), slabs, octant4, ray.t_min, nearest);
-            group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
-            primitives = uvec2(n1.y, mask & ~NODE_BITS);
+            open_node(blas_nodes, int(words.node_base + child), slabs, octant4, ray.t_min, nearest, group, primitives);
             if ((group.y & NODE_BITS) == 0u && top > 0) {
                 group = stack[--top];
             }
@@ -249,13 +255,7 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            int at = int(child) * 5;
-            uvec4 n0 = texelFetch(tlas_nodes, at);
-            uvec4 n1 = texelFetch(tlas_nodes, at + 1);
-            uint mask = intersect_node(n0, n1, texelFetch(tlas_nodes, at + 2), texelFetch(tlas_nodes, at + 3),
-                                       texelFetch(tlas_nodes, at + 4), slabs, octant4, ray.t_min, hit.t);
-            group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
-            entries = uvec2(n1.y, mask & ~NODE_BITS);
+            open_node(tlas_nodes, int(child), slabs, octant4, ray.t_min, hit.t, group, entries);
         }
 
         // The instances of a leaf, one after the other, each with the ray in its own space.

@@ -7,7 +7,7 @@ use lantern_render::{Layer, Pattern, ProjectorSpec, RayCounts, Settings, Texels}
 use lantern_scene::Editor;
 use lantern_tests::{
     gpu::{ONE_SAMPLE, Rig, assert_validation_is_silent},
-    random::Random,
+    random::SplitMix64,
     stage::{Stand, editor_of, edits_of},
 };
 use serde_json::{Value, json};
@@ -41,18 +41,18 @@ fn room() -> Value {
     ])
 }
 
-fn any_place(random: &mut Random) -> [f64; 3] {
+fn any_place(random: &mut SplitMix64) -> [f64; 3] {
     random.point(DVec3::new(-1.3, 0.0, -1.0), DVec3::new(1.3, 1.0, 1.2)).to_array()
 }
 
-fn any_stand(random: &mut Random, x: f64) -> Stand {
+fn any_stand(random: &mut SplitMix64, x: f64) -> Stand {
     let at_m = DVec3::new(x, 1.8, 2.6) + random.point(DVec3::splat(-0.3), DVec3::splat(0.3));
     Stand { fov_y_rad: 0.75, ..Stand::new(at_m, random.point(DVec3::splat(-0.2), DVec3::splat(0.3)), SIZE_PX) }
 }
 
 /// The sequence: what stands in the room, and what happens next.
 struct Play {
-    random: Random,
+    random: SplitMix64,
     editor: Editor,
     /// Names and shapes.
     nodes: Vec<(String, String)>,
@@ -71,7 +71,7 @@ impl Play {
     fn edit(&mut self) -> Value {
         let (node, shape) = self.any_node();
         let random = &mut self.random;
-        let unit = |random: &mut Random| random.between(0.0, 1.0);
+        let unit = |random: &mut SplitMix64| random.between(0.0, 1.0);
         match random.below(20) {
             0..=6 => {
                 // A small step, or to anywhere.
@@ -170,7 +170,7 @@ fn bits(rig: &Rig, projector: usize, layer: Layer) -> Vec<u32> {
 
 #[test]
 fn what_is_kept_is_what_would_be_made_anew() {
-    let mut random = Random(3);
+    let mut random = SplitMix64(3);
     let editor = editor_of(room(), Vec::new());
     let at = [-1.0, 0.0, 1.0].map(|x| any_stand(&mut random, x).calibration());
     let named = [("left", at[0]), ("middle", at[1]), ("right", at[2])];

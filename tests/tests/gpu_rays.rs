@@ -11,7 +11,7 @@ use lantern_calibration::{Calibration, Convention, Matrix4};
 use lantern_render::Layer;
 use lantern_tests::{
     gpu::{ONE_SAMPLE, Rig, assert_validation_is_silent},
-    oracle::jitter::SplitMix64,
+    random::SplitMix64,
     stage::scene_of,
 };
 use serde_json::json;

@@ -10,7 +10,7 @@ use lantern_render::moved::{Box3, tiles_of};
 use lantern_render::tile_lists::TILE_PX;
 use lantern_tests::{
     gpu::{assert_validation_is_silent, device, shader},
-    random::Random,
+    random::SplitMix64,
     stage::Stand,
 };
 
@@ -27,7 +27,7 @@ struct Case {
     other: [DVec3; 2],
 }
 
-fn any_box(random: &mut Random, most_m: f64) -> [DVec3; 2] {
+fn any_box(random: &mut SplitMix64, most_m: f64) -> [DVec3; 2] {
     let low = random.point(DVec3::splat(-2.0), DVec3::splat(2.0));
     // Now and then as flat as a floor.
     let mut size = random.point(DVec3::ZERO, DVec3::splat(most_m));
@@ -38,7 +38,7 @@ fn any_box(random: &mut Random, most_m: f64) -> [DVec3; 2] {
 }
 
 impl Case {
-    fn any(random: &mut Random) -> Self {
+    fn any(random: &mut SplitMix64) -> Self {
         let directional = random.once_in(3);
         let mut target = random.point(DVec3::splat(-2.0), DVec3::splat(2.0));
         if random.once_in(8) {
@@ -49,7 +49,7 @@ impl Case {
     }
 
     /// Tries ways one by one.
-    fn is_met(&self, random: &mut Random) -> bool {
+    fn is_met(&self, random: &mut SplitMix64) -> bool {
         let end = if self.directional { 12.0 } else { 1.0 };
         (0..40).any(|_| {
             let from = random.point(self.from[0], self.from[1]);
@@ -115,7 +115,7 @@ fn answers(cases: &[Case]) -> Vec<bool> {
 
 #[test]
 fn no_shadow_is_missed() {
-    let mut random = Random(1);
+    let mut random = SplitMix64(1);
     let cases: Vec<Case> = (0..CASES / 64 * 64).map(|_| Case::any(&mut random)).collect();
     // The renderer gives grown boxes; so does this.
     let grown = |c: &Case| Case {
@@ -140,7 +140,7 @@ fn no_shadow_is_missed() {
 
 #[test]
 fn no_tile_is_missed() {
-    let mut random = Random(2);
+    let mut random = SplitMix64(2);
     let (mut inside, mut partly, mut none) = (0, 0, 0);
     for _ in 0..3000 {
         let size_px = UVec2::new(96 + random.below(100) as u32, 64 + random.below(50) as u32);

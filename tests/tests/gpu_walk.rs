@@ -4,7 +4,7 @@
 use std::{f64::consts::FRAC_1_SQRT_2, sync::Arc};
 
 use glam::{DVec3, UVec2};
-use lantern_render::{Layer, Settings, Walk};
+use lantern_render::{Layer, Settings};
 use lantern_scene::Scene;
 use lantern_tests::{
     gpu::{Rig, assert_validation_is_silent},
@@ -54,8 +54,7 @@ fn beams_find_what_single_rays_find() {
     ];
     for stand in stands {
         for samples in [1, 4, 9] {
-            let of =
-                |beams| Settings { samples, blend: false, walk: Walk { beams: Some(beams) }, ..Settings::default() };
+            let of = |beams| Settings { samples, blend: false, beams: Some(beams), ..Settings::default() };
             let (alone, rays) = seen(&corner(), stand, eye_m, of(false));
             assert_eq!(rays, samples * size_px.x * size_px.y);
             assert_eq!(seen(&corner(), stand, eye_m, of(true)), (alone, rays), "{samples} samples");
@@ -63,9 +62,8 @@ fn beams_find_what_single_rays_find() {
     }
     let (scene, projectors, eye_m) = demo(size_px);
     let shown = |beams| {
-        let walk = Walk { beams: Some(beams) };
         let projectors: Vec<_> = projectors.iter().map(|(name, of)| (name.as_str(), *of)).collect();
-        let rig = Rig::shown(&scene, &projectors, Settings { walk, ..Settings::default() }, &[eye_m]);
+        let rig = Rig::shown(&scene, &projectors, Settings { beams: Some(beams), ..Settings::default() }, &[eye_m]);
         [0, 1].map(|projector| LAYERS.map(|layer| rig.layer(projector, layer).values))
     };
     assert!(shown(true) == shown(false), "the demo differs");

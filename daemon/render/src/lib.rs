@@ -48,4 +48,4 @@ pub use pattern::Pattern;
 pub use readback::{Layer, LayerImage, Texels};
 pub use record::{RayKind, RecordHead, Recorded, RecordedRay};
 pub use renderer::{FrameReport, ProjectorReport, RayCounts, Renderer, Span, UPLOAD_BYTES_A_FRAME};
-pub use settings::{ProjectorSpec, RasterOrder, Settings, Walk};
+pub use settings::{ProjectorSpec, RasterOrder, Settings};

@@ -5,11 +5,15 @@
 
 use lantern_gpu::{GpuError, Recorder};
 
-use crate::bound::{Bound, Plane};
+use crate::bound::Bound;
 use crate::targets::Targets;
 use crate::tile_lists::TileList;
 
-/// Records the pass.
+/// Records the pass: one dispatch a sample plane, so that no invocation does more than one sample, which keeps its loops far below
+/// the 65,535 turns after which lavapipe 22.3 ends them silently.
 pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
-    bound.each_plane(recorder, "light", |p: &Plane| &p.light, |l| &l.light, targets.listed(TileList::Lit))
+    recorder.span("light", |recorder| {
+        let planes = (targets.planes_a_group, 1);
+        bound.each_plane(recorder, &bound.pipelines.light, |group| &group.light, planes, targets.listed(TileList::Lit))
+    })
 }

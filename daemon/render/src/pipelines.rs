@@ -5,7 +5,7 @@ use std::sync::Arc;
 use lantern_gpu::{ComputePipeline, DepthTest, Device, GpuError, GraphicsDesc, GraphicsPipeline, ImageFormat};
 use lantern_scene::Scene;
 
-use crate::settings::{Settings, Walk};
+use crate::settings::Settings;
 use crate::shaders;
 
 /// Specialisation constant of `secondary.comp`: reflect the projector's own ray.
@@ -47,7 +47,7 @@ pub(crate) const ATTACHMENTS: &[ImageFormat] = &[ImageFormat::Rgba32Float, Image
 pub(crate) struct Pipelines {
     pub(crate) tiles: Arc<ComputePipeline>,
     /// Sample planes that one dispatch of `primary` writes: 1 or 4.
-    pub(crate) samples_together: usize,
+    pub(crate) samples_together: u32,
     pub(crate) primary: Arc<ComputePipeline>,
     pub(crate) light: Arc<ComputePipeline>,
     pub(crate) lists: Arc<ComputePipeline>,
@@ -96,11 +96,11 @@ impl Pipelines {
             )
         };
         let composite = |name, test| graphics(name, &shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG, test, &[]);
-        let samples_together = samples_together(device, settings.walk);
+        let samples_together = samples_together(device, settings.beams);
         Ok(Self {
             tiles: compute(&shaders::TILES_COMP, &[])?,
             samples_together,
-            primary: compute(&shaders::PRIMARY_COMP, &[count, record, (SAMPLES_TOGETHER, samples_together as u32)])?,
+            primary: compute(&shaders::PRIMARY_COMP, &[count, record, (SAMPLES_TOGETHER, samples_together)])?,
             light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive])?,
             lists: compute(&shaders::LISTS_COMP, &[])?,
             secondary_once: secondary(1)?,
@@ -119,6 +119,6 @@ impl Pipelines {
 
 /// Four where a core does an invocation's work: it then does most of it once for all four. One where thousands of invocations must be
 /// in flight, whose registers four rays would take, or where the device walks its own structures.
-fn samples_together(device: &Device, walk: Walk) -> usize {
-    if walk.beams.unwrap_or(device.info().kind == "cpu" && !device.has_ray_queries()) { 4 } else { 1 }
+fn samples_together(device: &Device, beams: Option<bool>) -> u32 {
+    if beams.unwrap_or(device.info().kind == "cpu" && !device.has_ray_queries()) { 4 } else { 1 }
 }

@@ -10,16 +10,15 @@ use crate::tile_lists::TileList;
 
 /// Records the pass: a dispatch for each plane, or for a group of planes at once.
 pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) -> Result<(), GpuError> {
-    let planes = targets.planes_a_group as usize;
-    let together = bound.pipelines.samples_together.min(planes);
+    let together = bound.pipelines.samples_together.min(targets.planes_a_group);
     recorder.span("primary", |recorder| {
-        for (group, bindings) in bound.groups.iter().enumerate() {
-            for first in (0..planes).step_by(together) {
-                let push = [(group * planes + first) as u32, 0];
-                let (pipeline, tiles) = (&bound.pipelines.primary, targets.listed(TileList::Seen));
-                recorder.dispatch_indirect_at(pipeline, &bindings.primary, bytemuck::bytes_of(&push), tiles)?;
-            }
-        }
-        Ok(())
+        let planes = (targets.planes_a_group, together);
+        bound.each_plane(
+            recorder,
+            &bound.pipelines.primary,
+            |group| &group.primary,
+            planes,
+            targets.listed(TileList::Seen),
+        )
     })
 }

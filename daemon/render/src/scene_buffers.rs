@@ -10,7 +10,7 @@ use lantern_scene::{GpuTextures, Mesh, Scene};
 
 use crate::block::{Block, ENVIRONMENTS, IMAGES, NODES, TRIANGLES, VERTICES};
 use crate::catalogue::Catalogue;
-use crate::store::{Advanced, Store};
+use crate::store::{Advanced, SMALLEST, Store};
 use crate::structures::Structures;
 
 /// A buffer as large as its section, or up to four times that. Its name is what shaders call it.
@@ -39,9 +39,6 @@ impl Slot {
         Ok(!fits)
     }
 }
-
-/// An empty section still has a buffer to bind: one of the widest texel.
-const SMALLEST: u64 = 256;
 
 /// The small sections that lie on the device now.
 #[derive(Default)]

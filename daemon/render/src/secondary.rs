@@ -7,10 +7,9 @@ use lantern_gpu::{GpuError, Recorder};
 
 use crate::bound::Bound;
 use crate::settings::Settings;
+use crate::shaders;
 use crate::targets::{LIVE_EMPTY, LIVE_HEAD, Targets};
 
-/// Lanes of a workgroup of the passes over lists.
-const LIST_GROUP: u32 = 64;
 /// Workgroups in x of the pass that makes the lists.
 const LIST_GROUPS_X: u32 = 32_768;
 
@@ -21,7 +20,7 @@ pub(crate) fn record_lists(recorder: &mut Recorder, bound: &Bound, targets: &Tar
         for list in [&targets.once, &targets.each] {
             recorder.upload(list, 0, bytemuck::cast_slice(&LIVE_EMPTY))?;
         }
-        let groups = (targets.size_px[0] * targets.size_px[1]).div_ceil(LIST_GROUP);
+        let groups = (targets.size_px[0] * targets.size_px[1]).div_ceil(shaders::LISTS_COMP.local_size[0]);
         let grid = [groups.min(LIST_GROUPS_X), groups.div_ceil(LIST_GROUPS_X), 1];
         recorder.dispatch(&bound.pipelines.lists, &bound.lists, &[], grid)?;
         recorder.copy_buffer(&targets.each, 0, &targets.each_head, 0, LIVE_HEAD)

@@ -44,20 +44,9 @@ pub struct Settings {
     pub always_full: bool,
     /// The naive method: reflect each projector's own ray. For the test that shows it to be wrong.
     pub eye_at_projector: bool,
-    /// How rays are walked.
-    pub walk: Walk,
-}
-
-/// How rays are walked. The picture is the same to the bit, so this is for the tests that show it and for measurements.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Walk {
-    /// Whether a pixel's samples are traced as beams of four; `None`: as suits the device.
+    /// Whether a pixel's samples are traced as beams of four; `None`: as suits the device. The picture is the same to the bit, so this
+    /// is for the tests that show it and for measurements.
     pub beams: Option<bool>,
-}
-
-impl Walk {
-    /// As suits the device.
-    pub const BY_DEVICE: Self = Self { beams: None };
 }
 
 impl Default for Settings {
@@ -72,7 +61,7 @@ impl Default for Settings {
             record_rays: false,
             always_full: false,
             eye_at_projector: false,
-            walk: Walk::BY_DEVICE,
+            beams: None,
         }
     }
 }

@@ -121,8 +121,7 @@ impl Change {
     }
 }
 
-/// What two revisions' differences make stale on every projector. Where triangles and structures lie in their buffers is nothing
-/// that a picture shows, so [`Changes::geometry`] has no row.
+/// What two revisions' differences make stale on every projector.
 pub fn stale_by(changes: &Changes) -> Stale {
     let mut stale = Stale::NOTHING;
     for (changed, change) in [

@@ -14,7 +14,7 @@ use crate::block::{Block, COLUMNS, Column, Key, SPACES};
 use crate::settings::HUNG_AFTER;
 
 /// Bytes of the smallest buffer: of an empty one there is nothing to bind.
-const SMALLEST: u64 = 256;
+pub(crate) const SMALLEST: u64 = 256;
 
 /// Slices that may be on their way at once; each has a staging buffer.
 const FLYING: usize = 2;

@@ -7,12 +7,10 @@ use lantern_gpu::{GpuError, Recorder};
 
 use crate::bound::Bound;
 use crate::moved::MovedTable;
+use crate::shaders;
 use crate::stale::{Extent, Stale};
 use crate::targets::Targets;
 use crate::tile_lists::{TILE_LISTS, TileList};
-
-/// Invocations of a workgroup of `tiles.comp`.
-const GROUP: u32 = 64;
 
 /// Twin of `Push` in `tiles.comp`; 16 bytes.
 #[repr(C)]
@@ -55,7 +53,7 @@ pub(crate) fn record(
     recorder.span("tiles", |recorder| {
         let [columns, rows, _] = targets.groups();
         let push = Push::new(stale, moved);
-        let groups = [(columns * rows).div_ceil(GROUP), 1, 1];
+        let groups = [(columns * rows).div_ceil(shaders::TILES_COMP.local_size[0]), 1, 1];
         recorder.dispatch(&bound.pipelines.tiles, &bound.tiles, bytemuck::bytes_of(&push), groups)
     })
 }

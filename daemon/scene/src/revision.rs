@@ -11,8 +11,6 @@ use crate::scene::{Instance, Scene, world_bounds};
 /// What differs between two revisions; what that makes stale is the renderer's to decide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Changes {
-    /// Which meshes there are: triangles or bottom-level structures.
-    pub geometry: bool,
     /// A visible instance of role `prop` or `mask` moved, appeared, vanished, or has another number.
     pub props_moved: bool,
     /// The same of role `virtual`.
@@ -29,31 +27,11 @@ pub struct Changes {
     pub textures: bool,
 }
 
-impl Changes {
-    /// Everything: what a renderer that has seen nothing yet starts from.
-    pub const ALL: Self = Self {
-        geometry: true,
-        props_moved: true,
-        virtual_moved: true,
-        raster_moved: true,
-        materials: true,
-        lights: true,
-        environment: true,
-        textures: true,
-    };
-
-    /// Whether there is any.
-    pub fn any(&self) -> bool {
-        *self != Self::default()
-    }
-}
-
 /// Compares two revisions; sections by their `Arc`, instances by value.
 pub fn changes(old: &Scene, new: &Scene) -> Changes {
     let shifted = old.origin_m != new.origin_m;
     let moved = |roles: &[Role]| shifted || !placed(old, roles).eq(placed(new, roles));
     Changes {
-        geometry: !old.meshes.iter().map(Arc::as_ptr).eq(new.meshes.iter().map(Arc::as_ptr)),
         props_moved: moved(&[Role::Prop, Role::Mask]),
         virtual_moved: moved(&[Role::Virtual]),
         raster_moved: moved(&[Role::Raster]),

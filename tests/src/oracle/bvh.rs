@@ -120,7 +120,7 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [Tri], first: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::oracle::jitter::SplitMix64;
+    use crate::random::SplitMix64;
 
     #[test]
     fn it_finds_what_trying_every_triangle_finds() {

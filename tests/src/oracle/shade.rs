@@ -134,7 +134,7 @@ pub fn base_fresnel(s: &Surface, cos_i: f64, inside: bool) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::oracle::jitter::SplitMix64;
+    use crate::random::SplitMix64;
 
     #[test]
     fn fresnel_has_its_limits() {
