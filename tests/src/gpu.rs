@@ -80,11 +80,11 @@ impl Rig {
     ) -> Self {
         let spec = |(name, calibration): &(&str, Calibration)| ProjectorSpec {
             name: (*name).to_owned(),
-            calibration: *calibration,
+            calibration: calibration.clone(),
         };
         let specs = projectors.iter().map(spec).collect();
         let renderer = Renderer::new(device, specs, settings, scene.clone()).expect("a renderer");
-        Self { renderer, frusta: projectors.iter().map(|(_, calibration)| Frustum::new(*calibration)).collect() }
+        Self { renderer, frusta: projectors.iter().map(|(_, calibration)| Frustum::new(calibration.clone())).collect() }
     }
 
     /// As [`Rig::new`], and its first frame shown.

@@ -172,8 +172,8 @@ fn bits(rig: &Rig, projector: usize, layer: Layer) -> Vec<u32> {
 fn what_is_kept_is_what_would_be_made_anew() {
     let mut random = SplitMix64(3);
     let editor = editor_of(room(), Vec::new());
-    let at = [-1.0, 0.0, 1.0].map(|x| any_stand(&mut random, x).calibration());
-    let named = [("left", at[0]), ("middle", at[1]), ("right", at[2])];
+    let named = [("left", -1.0), ("middle", 0.0), ("right", 1.0)]
+        .map(|(name, x)| (name, any_stand(&mut random, x).calibration()));
     let keeping = Settings { samples: 4, max_depth: 1, blend: true, count_rays: true, ..ONE_SAMPLE };
     let mut rigs = [keeping, Settings { always_full: true, ..keeping }]
         .map(|settings| Rig::new(&editor.current(), &named, settings));

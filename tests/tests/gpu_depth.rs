@@ -103,7 +103,7 @@ fn compare(what: &str, scene: &Arc<Scene>, stand: Stand, reverse: bool) {
     let projection = if reverse { reversed(stand.convention, stand.projection()) } else { stand.projection() };
     let calibration =
         Calibration::from_matrices(&projection, &stand.view(), stand.convention, stand.resolution_px).unwrap();
-    let rig = Rig::shown(scene, &[("left", calibration)], ONE_SAMPLE, &[DVec3::Y]);
+    let rig = Rig::shown(scene, &[("left", calibration.clone())], ONE_SAMPLE, &[DVec3::Y]);
     assert_eq!(rig.frusta[0].is_reversed(), reverse);
     let (traced, traced_node) = (rig.layer(0, Layer::Depth), rig.layer(0, Layer::Node));
     let test = if reverse { DepthTest::Always } else { DepthTest::Less };

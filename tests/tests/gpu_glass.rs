@@ -126,7 +126,7 @@ fn glass_of_index_one_vanishes() {
 fn the_demo_is_the_oracles() {
     let (scene, projectors, eye_m) = demo(SIZE_PX);
     for (name, calibration) in &projectors {
-        let [found, expected, _] = both(&scene, name, *calibration, 4, eye_m);
+        let [found, expected, _] = both(&scene, name, calibration.clone(), 4, eye_m);
         let (all, mean) = errors(&found, &expected, |_| true);
         let close = all.iter().filter(|off| **off <= 0.01).count() as f64 / all.len() as f64;
         println!("demo, {name}: mean error {mean:.2e}, within 0.01 on {:.3} %", close * 100.0);

@@ -40,8 +40,8 @@ fn still_life(raster: &[&str]) -> Arc<Scene> {
 }
 
 /// The layers of one frame: node and depth.
-fn shown(scene: &Arc<Scene>, calibration: Calibration, settings: Settings) -> [FloatImage; 2] {
-    let rig = Rig::shown(scene, &[("left", calibration)], settings, &[EYE_M]);
+fn shown(scene: &Arc<Scene>, calibration: &Calibration, settings: Settings) -> [FloatImage; 2] {
+    let rig = Rig::shown(scene, &[("left", calibration.clone())], settings, &[EYE_M]);
     [rig.layer(0, Layer::Node), rig.layer(0, Layer::Depth)]
 }
 
@@ -49,11 +49,11 @@ fn shown(scene: &Arc<Scene>, calibration: Calibration, settings: Settings) -> [F
 fn compare(convention: Convention, samples: u32) {
     let calibration = Stand { convention, ..stand(UVec2::new(640, 400)) }.calibration();
     let settings = Settings { samples, max_depth: 0, ..ONE_SAMPLE };
-    let [node, depth] = shown(&still_life(&[]), calibration, settings);
+    let [node, depth] = shown(&still_life(&[]), &calibration, settings);
     let silhouettes = node.silhouettes(1);
     let hybrid = still_life(&["box", "within", "teapot"]);
     for raster in [RasterOrder::Before, RasterOrder::After] {
-        let [hybrid_node, hybrid_depth] = shown(&hybrid, calibration, Settings { raster, ..settings });
+        let [hybrid_node, hybrid_depth] = shown(&hybrid, &calibration, Settings { raster, ..settings });
         let pixels = node.values.len();
         let differs: Vec<usize> = (0..pixels).filter(|&at| node.values[at] != hybrid_node.values[at]).collect();
         let agreement = 1.0 - differs.len() as f64 / pixels as f64;
@@ -168,7 +168,7 @@ fn what_is_virtual_is_seen_by_the_eye_alone() {
     ]);
     let mut editor = editor_of(edits, Vec::new());
     let calibration = stand(UVec2::new(320, 200)).calibration();
-    let mut rig = Rig::shown(&editor.current(), &[("left", calibration)], ONE_SAMPLE, &[EYE_M]);
+    let mut rig = Rig::shown(&editor.current(), &[("left", calibration.clone())], ONE_SAMPLE, &[EYE_M]);
     let layers = |rig: &Rig| [Layer::Node, Layer::Distance, Layer::Depth, Layer::Radiance].map(|of| rig.layer(0, of));
     let [node, distance, depth, radiance] = layers(&rig);
     rig.renderer.set_scene(editor.apply(&edits_of(json!([{"remove": {"node": "ghost"}}]))).unwrap());

@@ -125,7 +125,8 @@ fn compare(what: &str, rigs: &mut [Rig; 2], bounds: &Bounds) {
 fn the_demo_is_the_same_by_both_ways() {
     let Some(both) = Both::open("the demo") else { return };
     let (scene, projectors, _) = demo(SIZE_PX);
-    let projectors: Vec<_> = projectors.iter().map(|(name, calibration)| (name.as_str(), *calibration)).collect();
+    let projectors: Vec<_> =
+        projectors.iter().map(|(name, calibration)| (name.as_str(), calibration.clone())).collect();
     let mut rigs = both.rigs(&scene, &projectors, Settings { blend: true, ..ONE_SAMPLE });
     compare("demo", &mut rigs, &Bounds { other_node: 1e-3, other_radiance: 0.01 });
     drop(rigs);

@@ -150,7 +150,7 @@ fn a_calibration_redoes_its_own_picture_and_the_others_weights() {
         specs.truncate(count);
         renderer.set_projectors(specs.clone()).unwrap();
         renderer.render(|| vec![EYE_M]).unwrap();
-        let named: Vec<_> = specs.iter().map(|s| (s.name.as_str(), s.calibration)).collect();
+        let named: Vec<_> = specs.iter().map(|s| (s.name.as_str(), s.calibration.clone())).collect();
         let settings = *renderer.settings();
         let anew = Rig::shown(renderer.scene(), &named, settings, &[EYE_M]);
         for projector in 0..count {

@@ -79,7 +79,7 @@ fn the_demo_is_where_it_is() {
     let (scene, projectors, _) = demo(SIZE_PX);
     for (name, calibration) in &projectors {
         for samples in [1, 4] {
-            compare(&format!("demo, {name}"), &scene, name, *calibration, samples);
+            compare(&format!("demo, {name}"), &scene, name, calibration.clone(), samples);
         }
     }
     assert_validation_is_silent();

@@ -62,7 +62,7 @@ fn beams_find_what_single_rays_find() {
     }
     let (scene, projectors, eye_m) = demo(size_px);
     let shown = |beams| {
-        let projectors: Vec<_> = projectors.iter().map(|(name, of)| (name.as_str(), *of)).collect();
+        let projectors: Vec<_> = projectors.iter().map(|(name, of)| (name.as_str(), of.clone())).collect();
         let rig = Rig::shown(&scene, &projectors, Settings { beams: Some(beams), ..Settings::default() }, &[eye_m]);
         [0, 1].map(|projector| LAYERS.map(|layer| rig.layer(projector, layer).values))
     };

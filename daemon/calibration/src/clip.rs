@@ -1,8 +1,14 @@
-//! Clip space: which way is up, where the near limit lies, and the matrix that leads there.
+//! Clip space: which way is up, where the near limit lies, and the matrix that leads there; with it, what makes a
+//! calibration: lens, brightness and pixels.
+
+use std::sync::Arc;
 
 use glam::{DMat4, DVec2, DVec4, UVec2};
 
 pub use lantern_config::Matrix4;
+
+use crate::lens::{Lens, LensError, Optics};
+use crate::maps::{Maps, MapsError};
 
 /// A determinant this small beside Hadamard's bound (the product of the row lengths, columns scaled to a largest entry of
 /// one first) leaves no digit of the inverse. A frustum whose far plane is a million times as far as its near one, a
@@ -46,6 +52,12 @@ pub enum CalibrationError {
         /// Rows.
         height: u32,
     },
+    /// A lens without an inverse over the image.
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    /// Alpha or beta maps that are none.
+    #[error(transparent)]
+    Maps(#[from] MapsError),
 }
 
 fn singular_hint(matrix: &str) -> &'static str {
@@ -113,13 +125,16 @@ impl From<lantern_config::Convention> for Convention {
     }
 }
 
-/// One projector: clip-from-world, its convention and its pixels. Invertible and finite by construction.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// One projector: clip-from-world, its convention, its lens, how bright its pixels are, and how many. Invertible and finite
+/// by construction; a clone shares what is large.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
     clip_from_world: DMat4,
     world_from_clip: DMat4,
     convention: Convention,
     resolution_px: UVec2,
+    optics: Optics,
+    maps: Arc<Maps>,
 }
 
 impl Calibration {
@@ -153,7 +168,8 @@ impl Calibration {
         let clip_from_world = clip_from_view * view_from_world;
         let world_from_clip = inverse("projection · view", clip_from_world)?;
 
-        let calibration = Self { clip_from_world, world_from_clip, convention, resolution_px };
+        let (optics, maps) = (Optics::Pinhole, Arc::default());
+        let calibration = Self { clip_from_world, world_from_clip, convention, resolution_px, optics, maps };
         let sees_something = convention
             .depth_limits()
             .iter()
@@ -166,7 +182,35 @@ impl Calibration {
         })
     }
 
-    /// Clip from world, in the projector's own convention.
+    /// The same projector behind a lens.
+    ///
+    /// # Errors
+    /// A lens that is not one to one over the image.
+    pub fn with_lens(self, lens: Lens) -> Result<Self, CalibrationError> {
+        let optics = Optics::new(lens, self.resolution_px)?;
+        Ok(Self { optics, ..self })
+    }
+
+    /// The same projector with alpha and beta maps.
+    ///
+    /// # Errors
+    /// Sizes or values that are none of a map.
+    pub fn with_maps(self, maps: Maps) -> Result<Self, CalibrationError> {
+        maps.check()?;
+        Ok(Self { maps: Arc::new(maps), ..self })
+    }
+
+    /// What stands between the matrix's ideal image and the real one.
+    pub fn optics(&self) -> &Optics {
+        &self.optics
+    }
+
+    /// How bright each pixel is to be.
+    pub fn maps(&self) -> &Arc<Maps> {
+        &self.maps
+    }
+
+    /// Clip from world, in the projector's own convention, of the ideal image.
     pub fn clip_from_world(&self) -> DMat4 {
         self.clip_from_world
     }
@@ -191,7 +235,7 @@ impl Calibration {
         self.convention.vulkan_clip_from_clip() * self.clip_from_world
     }
 
-    /// Normalised clip x and y of a place in the image: pixel (x, y) has its centre at (x + ½, y + ½), and row 0 is the
+    /// Normalised clip x and y of a place in the ideal image: pixel (x, y) has its centre at (x + ½, y + ½), and row 0 is the
     /// top row of the projected image.
     pub fn ndc_from_px(&self, place_px: DVec2) -> DVec2 {
         let across = place_px / self.resolution_px.as_dvec2() * 2.0 - 1.0;
@@ -251,7 +295,7 @@ mod tests {
         assert_eq!(gl.ndc_from_px(DVec2::ZERO), DVec2::new(-1.0, 1.0));
         assert_eq!(vk.ndc_from_px(DVec2::ZERO), DVec2::new(-1.0, -1.0));
         let place_px = DVec2::new(17.5, 700.5);
-        for calibration in [gl, vk] {
+        for calibration in [&gl, &vk] {
             let back_px = calibration.px_from_ndc(calibration.ndc_from_px(place_px));
             assert!((back_px - place_px).length() < 1e-10, "{back_px}");
         }

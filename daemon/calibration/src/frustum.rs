@@ -10,6 +10,9 @@
 //! growing clip w, they run toward *falling* H.w. Along one pixel's ray only z varies, and H.w changes with it by
 //! world-from-clip's entry (3, 2), which is the same for every pixel: one look decides for the whole frustum which of
 //! the two depth limits is the near one, whether depth is standard, reversed, infinite or behind a homography.
+//!
+//! All of that is the *ideal* image of the matrix. Where a lens stands before it, a place in the real image goes through
+//! the lens first, and a point's place through it last; between the two nothing changes.
 
 use glam::{DVec2, DVec3, DVec4};
 
@@ -50,7 +53,7 @@ pub struct Projected {
     pub window_z: f64,
 }
 
-/// A homogeneous world point for each place in the image: `at_00 + x·per_x + y·per_y`, x and y in pixels. An affine
+/// A homogeneous world point for each place in the ideal image: `at_00 + x·per_x + y·per_y`, x and y in pixels. An affine
 /// form, since x and y enter world-from-clip · (x, y, z, 1) once each.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Plane {
@@ -91,7 +94,7 @@ impl Plane {
 }
 
 /// A projector's frustum: every primary ray, and the way back.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Frustum {
     calibration: Calibration,
     near: Plane,
@@ -156,7 +159,7 @@ impl Frustum {
         &self.along
     }
 
-    /// The eight corners in homogeneous world coordinates: the near four, then the far four, each in the order top
+    /// The eight corners of the ideal image in homogeneous world coordinates: the near four, then the far four, each in the order top
     /// left, top right, bottom left, bottom right of the image. One with w = 0 is a direction.
     pub fn corners(&self) -> [DVec4; 8] {
         let size_px = self.calibration.resolution_px().as_dvec2();
@@ -166,30 +169,32 @@ impl Frustum {
 
     /// The ray of a place in the image, in continuous pixels from the top left corner (a pixel's centre is at + ½).
     ///
-    /// `None` where even the near end has clip w ≤ 0, as a strong homography can bring about in a part of the image: a
+    /// `None` where the lens sends no light, or where even the near end has clip w ≤ 0, as a strong homography can bring about in a part of the image: a
     /// rasteriser clips all that such a pixel could show.
     pub fn ray(&self, place_px: DVec2) -> Option<Ray> {
-        let near = self.near.at(place_px);
-        let far = self.far.at(place_px);
+        let ideal_px = self.calibration.optics().ideal_px(place_px)?;
+        let near = self.near.at(ideal_px);
+        let far = self.far.at(ideal_px);
         if near.w <= 0.0 {
             return None;
         }
 
-        let along = self.along.at(place_px).truncate();
+        let along = self.along.at(ideal_px).truncate();
         let length = along.length();
         let origin_m = near.truncate() / near.w;
         let t_max_m = if far.w > 0.0 { length / (near.w * far.w) } else { f64::INFINITY };
         Some(Ray { origin_m, direction: along / length, t_max_m })
     }
 
-    /// Where a world point falls; `None` where its clip w is not above 0.
+    /// Where a world point falls; `None` where its clip w is not above 0, or where the lens does not show it.
     pub fn project(&self, world_m: DVec3) -> Option<Projected> {
         let clip = self.calibration.clip_from_world() * world_m.extend(1.0);
         if clip.w <= 0.0 {
             return None;
         }
+        let ideal_px = self.calibration.px_from_ndc(DVec2::new(clip.x, clip.y) / clip.w);
         Some(Projected {
-            place_px: self.calibration.px_from_ndc(DVec2::new(clip.x, clip.y) / clip.w),
+            place_px: self.calibration.optics().real_px(ideal_px)?,
             clip_w: clip.w,
             window_z: self.calibration.convention().window_z(clip.z / clip.w),
         })

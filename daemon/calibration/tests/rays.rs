@@ -122,7 +122,7 @@ fn points_on_rays_land_on_their_samples() {
     let (mut worst_px, mut rays) = (0.0f64, 0);
     for _ in 0..MATRICES {
         let Case { calibration, .. } = random_case(&mut random);
-        let frustum = Frustum::new(calibration);
+        let frustum = Frustum::new(calibration.clone());
         for _ in 0..16 {
             let place_px = random_place_px(&mut random, &calibration);
             let Some(ray) = frustum.ray(place_px) else { continue };
@@ -149,7 +149,7 @@ fn dividing_before_interpolating_misses_on_keystoned_matrices() {
     let (mut straight, mut keystoned) = (0, 0);
     for _ in 0..MATRICES {
         let case = random_case(&mut random);
-        let frustum = Frustum::new(case.calibration);
+        let frustum = Frustum::new(case.calibration.clone());
         if case.infinite || frustum.ray(DVec2::ZERO).is_none_or(|ray| !ray.t_max_m.is_finite()) {
             continue;
         }
@@ -184,7 +184,7 @@ fn single_precision_keeps_a_hundredth_of_a_pixel() {
     let (mut samples, mut resolvable, mut worst_px) = (0, 0, 0.0f64);
     for _ in 0..MATRICES {
         let Case { calibration, .. } = random_case(&mut random);
-        let frustum = Frustum::new(calibration);
+        let frustum = Frustum::new(calibration.clone());
         let origin_m = random.vector(1.0);
         let packed = GpuFrustum::new(&frustum, origin_m);
         for _ in 0..16 {
@@ -232,7 +232,7 @@ fn single_precision_keeps_depth() {
     let (mut worst_along, mut worst_of_point, mut worst_reach) = (0.0f64, 0.0f64, 0.0f64);
     for _ in 0..MATRICES {
         let Case { calibration, .. } = random_case(&mut random);
-        let frustum = Frustum::new(calibration);
+        let frustum = Frustum::new(calibration.clone());
         let packed = GpuFrustum::new(&frustum, DVec3::ZERO);
         for _ in 0..16 {
             let place_px = random_place_px(&mut random, &calibration).as_vec2();
@@ -265,7 +265,7 @@ fn single_precision_keeps_depth() {
                     * DMat4::from_translation(random.vector(2.3));
                 let size_px = UVec2::new(1280, 800);
                 let calibration = Calibration::from_matrices(&projection, &rows(view), convention, size_px).unwrap();
-                let frustum = Frustum::new(calibration);
+                let frustum = Frustum::new(calibration.clone());
                 assert_eq!(frustum.is_reversed(), at_near > at_far);
                 let packed = GpuFrustum::new(&frustum, DVec3::ZERO);
                 let ray = packed.ray(random_place_px(&mut random, &calibration).as_vec2()).unwrap();
@@ -290,7 +290,7 @@ fn pixels_behind_a_homography_have_no_ray() {
     let identity = rows(DMat4::IDENTITY);
     let calibration =
         Calibration::from_matrices(&projection, &identity, Convention::OpenGl, UVec2::new(64, 64)).unwrap();
-    let (frustum, mut with, mut without) = (Frustum::new(calibration), 0, 0);
+    let (frustum, mut with, mut without) = (Frustum::new(calibration.clone()), 0, 0);
     let packed = GpuFrustum::new(&frustum, DVec3::ZERO);
     for x in 0..64 {
         let place_px = DVec2::new(f64::from(x) + 0.5, 20.5);
@@ -323,7 +323,7 @@ fn any_invertible_matrix_will_do() {
         let convention = if random.either() { Convention::OpenGl } else { Convention::Vulkan };
         let identity = rows(DMat4::IDENTITY);
         let calibration = Calibration::from_matrices(&any, &identity, convention, UVec2::new(640, 480)).unwrap();
-        let frustum = Frustum::new(calibration);
+        let frustum = Frustum::new(calibration.clone());
         for _ in 0..16 {
             let place_px = random_place_px(&mut random, &calibration);
             let Some(ray) = frustum.ray(place_px) else { continue };

@@ -41,7 +41,7 @@ impl Projector {
         queue: usize,
         settings: &Settings,
     ) -> Result<Self, RenderError> {
-        let frustum = Frustum::new(spec.calibration);
+        let frustum = Frustum::new(spec.calibration.clone());
         let size_px = spec.calibration.resolution_px();
         let targets = Targets::new(device, &spec.name, size_px.to_array(), settings)?;
         Ok(Self {
@@ -62,7 +62,7 @@ impl Projector {
     pub(crate) fn recalibrate(&mut self, spec: ProjectorSpec) {
         if self.spec != spec {
             self.stale |= Change::Calibration.makes_stale();
-            self.frustum = Frustum::new(spec.calibration);
+            self.frustum = Frustum::new(spec.calibration.clone());
             self.spec = spec;
         }
     }

@@ -532,7 +532,7 @@ impl Renderer {
     pub fn room(&mut self, eye: DVec3, size_px: [u32; 2]) -> Result<LayerImage, RenderError> {
         let pipelines = self.pipelines()?;
         let pictures = self.projectors.iter().map(|p| p.targets.color.clone()).collect();
-        let frusta = self.projectors.iter().map(|p| p.frustum).collect();
+        let frusta = self.projectors.iter().map(|p| p.frustum.clone()).collect();
         let environment_first = self.scene_buffers.environment_first(&self.scene);
         let of = room::View { frusta, scene: &self.scene, settings: &self.settings, environment_first, pictures };
         room::render(&self.device, &pipelines, &self.catalogue(), &of, eye, size_px)

@@ -59,7 +59,7 @@ struct Seen {
 }
 
 fn see(projector: &ProjectorSpec, scene: &Scene) -> Seen {
-    let frustum = Frustum::new(projector.calibration);
+    let frustum = Frustum::new(projector.calibration.clone());
     let resolution_px = projector.calibration.resolution_px();
     let size_px = resolution_px.as_dvec2();
     let columns = GRID.min(resolution_px.x);

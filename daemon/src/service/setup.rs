@@ -71,7 +71,7 @@ fn problem(config: &Config, file: &str, at: &str, field: &str, message: &str) ->
 fn calibration_problem(config: &Config, file: &str, projector: &str, error: &CalibrationError) -> Problem {
     let field = match error {
         CalibrationError::NotFinite { matrix, .. } | CalibrationError::Singular { matrix, .. } => *matrix,
-        CalibrationError::NoPixels { .. } => "",
+        CalibrationError::NoPixels { .. } | CalibrationError::Lens(_) | CalibrationError::Maps(_) => "",
     };
     let at = format!("projector {projector:?}");
     problem(config, file, &at, &format!("calibration.{field}"), &error.to_string())
