@@ -31,7 +31,7 @@ void main() {
     bool missed = isinf(uintBitsToFloat(nearest.x));
 
     // Its own part comes first, and is 1.
-    if (push.projector == frame.projector_index) {
+    if (push.projector == setup.projector_index) {
         inverse_weight[index] = missed ? uintBitsToFloat(0x7f800000u) : 1.0;
         return;
     }
@@ -42,7 +42,7 @@ void main() {
     Surface s = lit_surface(sample_ray(pixel, closest_sample(nearest)), nearest.zw, inside);
 
     // That this projector sees the point needs no ray: its primary ray has found it.
-    float mine = share_of(frame.projector_index, s.position, s.normal_geometric, false) * edge_fade(edge_px[index]);
+    float mine = share_of(setup.projector_index, s.position, s.normal_geometric, false) * edge_fade(edge_px[index]);
     float other = share_of(push.projector, s.position, s.normal_geometric, true);
     other *= edge_fade(edge_at(push.projector, s.position));
     inverse_weight[index] += other / max(mine, 1e-30);

@@ -32,7 +32,7 @@ void main() {
         bool from_inside;
         Surface s = lit_surface(ray, found, from_inside);
         if ((s.flags & ROLE_MASK) == 0u) {
-            pixel_class |= depends_on_eye(s) || frame.virtual_count > 0u ? CLASS_EYE : 0u;
+            pixel_class |= depends_on_eye(s) || setup.virtual_count > 0u ? CLASS_EYE : 0u;
             radiance = under_coat(s) * s.emissive;
             vec3 diffuse = diffuse_color(s);
             if (max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0) {
@@ -40,14 +40,14 @@ void main() {
                 vec3 origin = offset_origin(s.position, s.normal_geometric);
                 uint i = 0u;
                 while (true) {
-                    if (i < frame.light_count) {
+                    if (i < setup.light_count) {
                         Ray to_light;
                         vec3 lux = unshadowed(light_of(i), s, origin, to_light);
                         if (max(lux.x, max(lux.y, lux.z)) > 0.0) {
                             sum += lux * trace_shadow(to_light) * (max(dot(s.normal, to_light.direction), 0.0) / PI);
                         }
                     }
-                    if (++i >= frame.light_count) {
+                    if (++i >= setup.light_count) {
                         break;
                     }
                 }
@@ -56,7 +56,7 @@ void main() {
         }
     }
     vec4 before = push.sample_index == 0u ? vec4(0.0) : light[index];
-    light[index] = before + vec4(radiance, 1.0) / float(frame.samples);
+    light[index] = before + vec4(radiance, 1.0) / float(setup.samples);
     uint before_class = push.sample_index == 0u ? pixel_class : classes[index];
     bool mixed = ((pixel_class ^ before_class) & CLASS_INSTANCE) != 0u;
     classes[index] = before_class | (pixel_class & CLASS_EYE) | (mixed ? CLASS_MIXED : 0u);

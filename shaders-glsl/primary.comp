@@ -61,7 +61,7 @@ BeamHits hits_of(uvec2 pixel, uint count) {
 
 void find(uvec2 pixel) {
     uint index = pixel_index(pixel);
-    uint count = min(SAMPLES_TOGETHER, frame.planes_a_group);
+    uint count = min(SAMPLES_TOGETHER, setup.planes_a_group);
     BeamHits found = hits_of(pixel, count);
     for (uint i = 0u; i < SAMPLES_TOGETHER; ++i) {
         if (i < count) {

@@ -28,7 +28,7 @@ void main() {
     frustum_ray(frame.frustum, at_px, origin, direction, t_max);
     turn_to(s, direction);
     vec3 sum = under_coat(s) * s.emissive + diffuse_color(s) * irradiance_over_pi(s.normal);
-    for (uint i = 0u; i < frame.light_count; ++i) {
+    for (uint i = 0u; i < setup.light_count; ++i) {
         vec3 l;
         float distance_m;
         vec3 lux = light_at(light_of(i), s.position, l, distance_m);
@@ -36,7 +36,7 @@ void main() {
         if (n_l > 0.0) {
             sum += lux * diffuse_color(s) * (n_l / PI);
             vec3 v = normalize(frame.viewers[0].xyz - s.position);
-            if (frame.viewer_count > 0u && dot(s.normal, v) > 0.0) {
+            if (setup.viewer_count > 0u && dot(s.normal, v) > 0.0) {
                 sum += lux * highlight(s.normal, v, l, s.roughness, base_fresnel(s, max(dot(v, normalize(v + l)), 0.0), false));
             }
         }
@@ -44,12 +44,12 @@ void main() {
 
     // Its share of the blend, with no regard to what stands between: no ray knows this node.
     float mine = 1.0;
-    if (frame.blend != 0u) {
+    if (setup.blend != 0u) {
         float total = 0.0;
-        for (uint i = 0u; i < frame.projector_count; ++i) {
+        for (uint i = 0u; i < setup.projector_count; ++i) {
             float share = share_of(i, s.position, s.normal_geometric, false);
             total += share;
-            mine = i == frame.projector_index ? share : mine;
+            mine = i == setup.projector_index ? share : mine;
         }
         mine = total > 0.0 ? mine / total : 1.0;
     }

@@ -45,8 +45,8 @@ void main() {
     if (push.pass + 1u == push.passes) {
         vec3 sent = clamp(mine.rgb * mine.a, vec3(0.0), vec3(1.0));
         vec3 encoded = vec3(linear_to_srgb(sent.r), linear_to_srgb(sent.g), linear_to_srgb(sent.b));
-        if (frame.pattern != PATTERN_OFF) {
-            encoded = pattern_color(frame.pattern, ivec2(pixel), ivec2(size), frame.projector_index);
+        if (setup.pattern != PATTERN_OFF) {
+            encoded = pattern_color(setup.pattern, ivec2(pixel), ivec2(size), setup.projector_index);
         }
         color[index] = packUnorm4x8(vec4(encoded, 1.0));
     }

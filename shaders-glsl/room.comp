@@ -41,5 +41,5 @@ void main() {
                        mix(sent(base + ivec2(0, 1), size), sent(base + ivec2(1, 1), size), t.x), t.y);
         }
     }
-    room[index] += vec4(seen, 0.0) / float(frame.samples);
+    room[index] += vec4(seen, 0.0) / float(setup.samples);
 }

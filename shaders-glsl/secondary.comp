@@ -69,7 +69,7 @@ struct Waiting {
 // The nearest viewer that stands in front of the surface; false where none does.
 bool viewer_of(Surface s, out vec3 eye) {
     float nearest = 3.0e38;
-    for (uint i = 0u; i < frame.viewer_count; ++i) {
+    for (uint i = 0u; i < setup.viewer_count; ++i) {
         vec3 way = frame.viewers[i].xyz - s.position;
         float d = length(way);
         if (d < nearest && dot(way, s.normal) > 0.0) {
@@ -85,7 +85,7 @@ uint waiting_count;
 uint rays_made;
 
 void follow(Waiting w) {
-    if (w.depth > frame.max_depth || rays_made >= MAX_RAYS || max(w.throughput.x, max(w.throughput.y, w.throughput.z)) < MIN_THROUGHPUT) {
+    if (w.depth > setup.max_depth || rays_made >= MAX_RAYS || max(w.throughput.x, max(w.throughput.y, w.throughput.z)) < MIN_THROUGHPUT) {
         return;
     }
     waiting[waiting_count++] = w;
@@ -171,7 +171,7 @@ vec3 shade(Sight sight, uvec2 pixel, uint s_index) {
     if (!sight.is_point || sight.takes_back) {
         radiance += throughput * (under_coat(s) * s.emissive + diffuse * irradiance_over_pi(s.normal));
     }
-    uint light_count = has_lobe || max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0 ? frame.light_count : 0u;
+    uint light_count = has_lobe || max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0 ? setup.light_count : 0u;
     uint i = 0u;
     while (true) {
         if (i < light_count) {
@@ -266,7 +266,7 @@ vec3 look_of(uvec2 pixel, uint s_index, uvec2 on) {
         // What comes of it. Of the samples of a listed pixel some may land on what stays dark, or what looks the same to every eye.
         bool dark = (sight.s.flags & ROLE_MASK) != 0u;
         bool eye_light = depends_on_eye(sight.s);
-        bool looks_first = turn == START && seen && !dark && frame.virtual_count > 0u && EYE_AT_PROJECTOR == 0u;
+        bool looks_first = turn == START && seen && !dark && setup.virtual_count > 0u && EYE_AT_PROJECTOR == 0u;
         bool shades = met ? !for_light && !dark
                           : turn == START && (EYE_AT_PROJECTOR != 0u || seen) && !dark && eye_light && !looks_first ||
                                 turn == TAKE_BACK || searches && eye_light;
@@ -290,7 +290,7 @@ shared vec3 looks[LIVE_GROUP];
 
 void main() {
     // A lane a sample, so that lanes beside each other follow nearly the same paths.
-    uint planes = ONE_FOR_ALL != 0u ? 1u : frame.planes_a_group;
+    uint planes = ONE_FOR_ALL != 0u ? 1u : setup.planes_a_group;
     uint pixels = LIVE_GROUP / planes;
     uint lane = gl_LocalInvocationIndex;
     uint at = (gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * pixels + lane / planes;
@@ -315,11 +315,11 @@ void main() {
     // The pixel's first lane gathers; sums go on from one group of planes to the next.
     if (is_listed && lane % planes == 0u) {
         bool goes_on = push.sample_index != 0u;
-        vec3 sum = goes_on ? before.radiance * float(frame.samples) : (has_middle ? before.radiance : vec3(0.0));
+        vec3 sum = goes_on ? before.radiance * float(setup.samples) : (has_middle ? before.radiance : vec3(0.0));
         for (uint i = 0u; i < planes; ++i) {
             sum += looks[lane + i];
         }
-        look[index] = ONE_FOR_ALL != 0u ? PixelLook(sum, code_of(sum)) : PixelLook(sum / float(frame.samples), before.code);
+        look[index] = ONE_FOR_ALL != 0u ? PixelLook(sum, code_of(sum)) : PixelLook(sum / float(setup.samples), before.code);
     }
     publish_counts(0u, 0u);
 }

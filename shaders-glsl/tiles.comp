@@ -132,7 +132,7 @@ GpuTileBounds bounds_of(uvec2 tile) {
 // Whether light on its way to the tile can meet a box.
 bool is_shadow_reached(GpuTileBounds tile) {
     bool found = false;
-    for (uint i = 0u; i < frame.light_count; ++i) {
+    for (uint i = 0u; i < setup.light_count; ++i) {
         GpuLight l = light_of(i);
         bool directional = l.kind == LIGHT_DIRECTIONAL;
         for (uint k = 0u; k < push.moved_count; ++k) {
@@ -194,7 +194,7 @@ void main() {
     // they need the marks of as many tiles again around those that they may differ in.
     uint lists = push.whole;
     for (uint k = 0u; k < push.physical_count; ++k) {
-        ivec4 shown = shown_tiles[frame.projector_index * MAX_BOXES + k];
+        ivec4 shown = shown_tiles[setup.projector_index * MAX_BOXES + k];
         if (!is_empty(shown)) {
             ivec2 between = tiles_between(ivec2(tile), shown);
             uint reached = all(equal(between, ivec2(0))) ? 1u << TILES_SEEN | 1u << TILES_LIT : 0u;
@@ -218,8 +218,8 @@ void main() {
             lists |= asked;
         } else if (bounds.state == BOUNDS_KNOWN) {
             uint reached = is_shadow_reached(bounds) ? 1u << TILES_LIT : 0u;
-            for (uint p = 0u; p < frame.projector_count; ++p) {
-                if (p != frame.projector_index && is_share_reached(bounds, p)) {
+            for (uint p = 0u; p < setup.projector_count; ++p) {
+                if (p != setup.projector_index && is_share_reached(bounds, p)) {
                     reached |= 1u << TILES_SHARED;
                 }
             }

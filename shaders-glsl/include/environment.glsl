@@ -3,17 +3,17 @@
 #define ENVIRONMENT_GLSL
 
 vec3 environment_texel(ivec2 at) {
-    ivec2 size = ivec2(frame.environment_px);
+    ivec2 size = ivec2(setup.environment_px);
     at.x = at.x < 0 ? at.x + size.x : (at.x >= size.x ? at.x - size.x : at.x);
     at.y = clamp(at.y, 0, size.y - 1);
-    return texelFetch(environment_texels, int(frame.environment_first) + at.y * size.x + at.x).rgb;
+    return texelFetch(environment_texels, int(setup.environment_first) + at.y * size.x + at.x).rgb;
 }
 
 // Linear radiance from a direction, bilinear, wrapping around the horizon.
 vec3 environment_radiance(vec3 d) {
     const float PI = 3.14159265358979;
     vec2 uv = vec2(0.5 + atan(d.x, -d.z) / (2.0 * PI), acos(clamp(d.y, -1.0, 1.0)) / PI);
-    vec2 at = uv * vec2(frame.environment_px) - 0.5;
+    vec2 at = uv * vec2(setup.environment_px) - 0.5;
     ivec2 base = ivec2(floor(at));
     vec2 f = at - vec2(base);
     return mix(mix(environment_texel(base), environment_texel(base + ivec2(1, 0)), f.x),

@@ -24,8 +24,14 @@ const uint MAX_VIEWERS = 4u;
 
 layout(std140, binding = 12) uniform Frame {
     GpuFrustum frustum;
-    vec4 irradiance[9];       // spherical harmonics of what a white diffuse surface shows
+    vec4 irradiance[9];        // spherical harmonics of what a white diffuse surface shows
     vec4 viewers[MAX_VIEWERS]; // eyes, m, relative to the origin
+} frame;
+
+// What decides where a shader goes. It is a storage block, though it is the same for all: lavapipe 22.3 makes a shader anew, and keeps
+// the old one, each time that a uniform block which a condition hangs on is bound; that would be some milliseconds and a megabyte a
+// pass and frame. So no condition may hang on `frame` alone.
+layout(std430, binding = 36) readonly buffer Setup {
     uvec2 environment_px;     // level 0
     uint viewer_count;
     uint light_count;
@@ -41,6 +47,6 @@ layout(std140, binding = 12) uniform Frame {
     uint shade_once;          // 0: every sample of every pixel is shaded
     uint pattern;             // what is shown instead of the scene; one of the PATTERN_ constants
     uint environment_first;   // texel
-} frame;
+} setup;
 
 #endif

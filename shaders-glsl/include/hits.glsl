@@ -13,7 +13,7 @@
 layout(std430, binding = 15) HITS_ACCESS buffer Hits { uvec2 hits[]; };
 
 uint hit_index(uint pixel, uint s) {
-    return pixel * frame.planes_a_group + s % frame.planes_a_group;
+    return pixel * setup.planes_a_group + s % setup.planes_a_group;
 }
 
 #endif

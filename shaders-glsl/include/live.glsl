@@ -17,7 +17,7 @@ const uint LIVE_GROUPS_X = 32768u;
 
 // Pixels a group where each sample of a group of planes has a lane.
 uint each_pixels_a_group() {
-    return LIVE_GROUP / frame.planes_a_group;
+    return LIVE_GROUP / setup.planes_a_group;
 }
 
 // Columns and rows of workgroups that go as far as this one.
@@ -27,7 +27,7 @@ uvec2 live_groups_for(uint group) {
 
 // Whether all samples of a pixel show the same thing, so that one of them may stand for all.
 bool may_shade_once(uint pixel_class) {
-    return frame.shade_once != 0u && (pixel_class & (CLASS_EYE | CLASS_MIXED)) == CLASS_EYE;
+    return setup.shade_once != 0u && (pixel_class & (CLASS_EYE | CLASS_MIXED)) == CLASS_EYE;
 }
 
 #endif

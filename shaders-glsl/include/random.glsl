@@ -25,23 +25,23 @@ vec2 unit_square(uvec3 key) {
 
 // Where sample s of a pixel lies, px from the pixel's corner: a jittered grid of strata; the centre for a single sample.
 vec2 sample_offset(uvec2 pixel, uint s) {
-    if (frame.samples == 1u) {
+    if (setup.samples == 1u) {
         return vec2(0.5);
     }
-    vec2 stratum = vec2(s % frame.strata, s / frame.strata);
-    return (stratum + unit_square(uvec3(pixel, s ^ sample_state[s]))) / float(frame.strata);
+    vec2 stratum = vec2(s % setup.strata, s / setup.strata);
+    return (stratum + unit_square(uvec3(pixel, s ^ sample_state[s]))) / float(setup.strata);
 }
 
 const uint NO_SAMPLE = 0xffffffffu;
 
 // A sample near its pixel's middle: in a grid of 2 × 2 the nearest, else the one of the stratum there.
 uint middle_sample(uvec2 pixel) {
-    uint low = (frame.strata - 1u) / 2u;
-    uint high = frame.strata == 2u ? 1u : low;
-    uint nearest = low * frame.strata + low;
+    uint low = (setup.strata - 1u) / 2u;
+    uint high = setup.strata == 2u ? 1u : low;
+    uint nearest = low * setup.strata + low;
     float distance2 = 2.0;
     for (uint i = 0u; i < 4u; ++i) {
-        uint s = ((i & 2u) == 0u ? low : high) * frame.strata + ((i & 1u) == 0u ? low : high);
+        uint s = ((i & 2u) == 0u ? low : high) * setup.strata + ((i & 1u) == 0u ? low : high);
         vec2 off = sample_offset(pixel, s) - 0.5;
         nearest = dot(off, off) < distance2 ? s : nearest;
         distance2 = min(distance2, dot(off, off));

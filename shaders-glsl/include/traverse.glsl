@@ -246,7 +246,7 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
 
     uvec2 stack[STACK_SIZE];
     int top = 0;
-    uvec2 group = uvec2(0u, frame.tlas_node_count > 0u ? ROOT : 0u);
+    uvec2 group = uvec2(0u, setup.tlas_node_count > 0u ? ROOT : 0u);
     uvec2 entries = uvec2(0u);
     while (true) {
         count_step();

@@ -1,4 +1,5 @@
-//! Memory of the device over many edits. Alone in its program: other tests' buffers would be counted with it.
+//! Memory of the device over many edits, and of the process over many frames. In one program and one test: what others use would be
+//! counted with it.
 #![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use glam::{DVec3, UVec2};
@@ -8,6 +9,9 @@ use lantern_tests::{
     stage::{Stand, editor_of, edits_of},
 };
 use serde_json::{Value, json};
+
+/// What 100 frames may add: a tenth of what one shader that is made anew each frame and kept would.
+const FRAMES_MAY_HOLD_BYTES: u64 = 10 << 20;
 
 const EYE_M: DVec3 = DVec3::new(0.8, 1.4, 3.0);
 
@@ -63,5 +67,27 @@ fn hundreds_of_edits_leave_as_many_bytes_as_there_were() {
     // Small sections keep a buffer up to four times as large as they need, so cycles differ by a little, and never by more.
     assert!(cycles.iter().all(|of| of.0 < empty.0 + 4096 && of.1 < empty.1 + 4096), "{empty:?}, then {cycles:?}");
     assert!(cycles.windows(3).skip(1).all(|of| of[0] == of[2]), "the same edits, other bytes: {cycles:?}");
+
+    // A driver that lies in the process can leak there what it compiles (ARCHITECTURE, The order of passes). The eye moves, and the light
+    // changes, so that every pass runs.
+    rig.show(&[EYE_M]);
+    let mut frames = |count: u32| {
+        for i in 0..count {
+            let light = json!([{"light": {"name": "lamp", "intensity": 5.0 + f64::from(i % 7)}}]);
+            rig.renderer.set_scene(editor.apply(&edits_of(light)).unwrap());
+            rig.show(&[EYE_M + DVec3::X * 0.001 * f64::from(i)]);
+        }
+        resident_bytes()
+    };
+    let (before, after) = (frames(30), frames(100));
+    println!("the process holds {before} bytes, and {after} after 100 more frames");
+    assert!(after < before + FRAMES_MAY_HOLD_BYTES, "100 frames: from {before} to {after} bytes");
     assert_validation_is_silent();
+}
+
+/// Physical memory of this process (`proc_pid_status(5)`).
+fn resident_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let kib = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    kib.trim().trim_end_matches(" kB").parse::<u64>().unwrap() * 1024
 }

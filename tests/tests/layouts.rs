@@ -16,7 +16,7 @@ use lantern_gpu::{
 };
 use lantern_render::moved::{GpuMovedBox, MAX_BOXES};
 use lantern_render::tile_lists::{TILE_BOUNDS_BYTES, TILE_LISTS, TILE_PX, TileList};
-use lantern_render::{GpuFrame, MAX_VIEWERS, Pattern, RayCounts, RayKind, RecordHead, RecordedRay, shaders};
+use lantern_render::{GpuFrame, GpuSetup, MAX_VIEWERS, Pattern, RayCounts, RayKind, RecordHead, RecordedRay, shaders};
 use lantern_scene::{
     PRIMARY_ROLES, SECONDARY_ROLES,
     pack::{
@@ -198,10 +198,8 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
         z_base,
         y_sign,
     });
-    let frame = members!(GpuFrame {
-        frustum,
-        irradiance,
-        viewers,
+    let frame = members!(GpuFrame { frustum, irradiance, viewers });
+    let setup = members!(GpuSetup {
         environment_px,
         viewer_count,
         light_count,
@@ -229,6 +227,7 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
     vec![
         ("GpuFrustum", frustum),
         ("Frame", frame),
+        ("Setup", setup),
         ("GpuTexture", texture),
         ("GpuMovedBox", moved),
         ("Counters", (counts, counts_size)),

@@ -178,7 +178,7 @@ fn fit(layout: &Layout, slot: &Binding, resource: Resource<'_>) -> Result<Held, 
                     unit: "bytes of a storage buffer",
                 });
             }
-            matches!(buffer.kind(), BufferKind::Storage | BufferKind::Texel(_))
+            matches!(buffer.kind(), BufferKind::Storage | BufferKind::HostStorage | BufferKind::Texel(_))
         }
         (BindingKind::UniformTexelBuffer, Resource::Buffer(buffer)) => matches!(buffer.kind(), BufferKind::Texel(_)),
         (BindingKind::StorageImage, Resource::Image(image)) => image.usage().contains(ImageUsage::STORAGE),

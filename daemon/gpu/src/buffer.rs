@@ -20,6 +20,8 @@ pub enum BufferKind {
     Texel(TexelFormat),
     /// Memory that the host maps and writes, bound as a uniform buffer.
     Uniform,
+    /// Memory that the host maps and writes, bound as a storage buffer.
+    HostStorage,
     /// Cached memory that the host maps and reads; the destination of copies.
     Readback,
     /// Memory that the host maps and writes; the source of copies.
@@ -72,6 +74,7 @@ impl BufferKind {
             BufferKind::Storage => copies | storage | vk::BufferUsageFlags::INDIRECT_BUFFER,
             BufferKind::Texel(_) => copies | storage | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER,
             BufferKind::Uniform => copies | vk::BufferUsageFlags::UNIFORM_BUFFER,
+            BufferKind::HostStorage => copies | storage,
             BufferKind::Readback | BufferKind::Staging => copies,
             BufferKind::StructureInput => {
                 vk::BufferUsageFlags::ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_KHR | Self::BY_ADDRESS
@@ -88,7 +91,9 @@ impl BufferKind {
             BufferKind::Storage | BufferKind::Texel(_) | BufferKind::Structure | BufferKind::StructureScratch => {
                 MemoryLocation::GpuOnly
             }
-            BufferKind::Uniform | BufferKind::Staging | BufferKind::StructureInput => MemoryLocation::CpuToGpu,
+            BufferKind::Uniform | BufferKind::HostStorage | BufferKind::Staging | BufferKind::StructureInput => {
+                MemoryLocation::CpuToGpu
+            }
             BufferKind::Readback => MemoryLocation::GpuToCpu,
         }
     }
@@ -96,7 +101,9 @@ impl BufferKind {
     /// Refuses sizes that no binding of this kind could take.
     fn check(self, name: &str, bytes: u64, raw_bytes: u64, limits: &Limits) -> Result<(), GpuError> {
         let (asked, limit, unit) = match self {
-            BufferKind::Storage => (bytes, limits.max_storage_buffer_bytes, "bytes of a storage buffer"),
+            BufferKind::Storage | BufferKind::HostStorage => {
+                (bytes, limits.max_storage_buffer_bytes, "bytes of a storage buffer")
+            }
             BufferKind::Texel(format) => {
                 if !bytes.is_multiple_of(format.bytes()) {
                     let problem = format!("{bytes} bytes are no whole number of {}-byte texels", format.bytes());

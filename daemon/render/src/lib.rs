@@ -43,7 +43,7 @@ pub mod tiles;
 
 pub use block::bytes_beyond;
 pub use error::RenderError;
-pub use frame::{GpuFrame, MAX_VIEWERS};
+pub use frame::{GpuFrame, GpuSetup, MAX_VIEWERS};
 pub use pattern::Pattern;
 pub use readback::{Layer, LayerImage, Texels};
 pub use record::{RayKind, RecordHead, Recorded, RecordedRay};

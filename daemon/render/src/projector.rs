@@ -9,7 +9,7 @@ use lantern_scene::Scene;
 
 use crate::bound::Bound;
 use crate::catalogue::Catalogue;
-use crate::frame::GpuFrame;
+use crate::frame::{GpuFrame, GpuSetup};
 use crate::jitter::sample_state;
 use crate::moved::MovedTable;
 use crate::pattern::Pattern;
@@ -156,7 +156,7 @@ impl Projector {
         Recorder::new(device, self.queue, &self.spec.name)
     }
 
-    /// Writes the block that the recorded passes read. Called as late as the newest pose allows: right before the submission.
+    /// Writes the blocks that the recorded passes read. Called as late as the newest pose allows: right before the submission.
     pub(crate) fn write_frame(
         &mut self,
         scene: &Scene,
@@ -169,14 +169,13 @@ impl Projector {
             self.shown_viewers = viewers.to_vec();
         }
         let frustum = GpuFrustum::new(&self.frustum, scene.origin_m);
-        let pattern = self.pattern as u32;
-        let frame = GpuFrame {
-            pattern,
+        let setup = GpuSetup {
+            pattern: self.pattern as u32,
             planes_a_group: self.targets.planes_a_group,
             environment_first,
-            ..GpuFrame::new(frustum, scene, &self.shown_viewers, settings, index)
+            ..GpuSetup::new(scene, &self.shown_viewers, settings, index)
         };
-        self.targets.frame.write(0, bytemuck::bytes_of(&frame))
+        self.targets.frame.write(&GpuFrame::new(frustum, scene, &self.shown_viewers), &setup)
     }
 
     /// What was recorded has been shown.

@@ -10,7 +10,7 @@ use lantern_scene::{PRIMARY_ROLES, Role, Scene};
 
 use crate::RenderError;
 use crate::catalogue::Catalogue;
-use crate::frame::GpuFrame;
+use crate::frame::{FrameBlocks, GpuFrame, GpuSetup};
 use crate::jitter::sample_state;
 use crate::pipelines::Pipelines;
 use crate::readback::{LayerImage, Texels, read_words};
@@ -41,18 +41,18 @@ pub(crate) fn render(
 ) -> Result<LayerImage, RenderError> {
     let camera = look_at(eye, &subject(view), size_px)?;
     let frustum = GpuFrustum::new(&Frustum::new(camera), view.scene.origin_m);
-    let frame = GpuFrame {
+    let setup = GpuSetup {
         environment_first: view.environment_first,
-        ..GpuFrame::new(frustum, view.scene, &[eye], view.settings, (0, view.pictures.len()))
+        ..GpuSetup::new(view.scene, &[eye], view.settings, (0, view.pictures.len()))
     };
 
     let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
-    let frame_buffer = Buffer::new(device, "room/frame", BufferKind::Uniform, size_of::<GpuFrame>() as u64)?;
+    let frame = FrameBlocks::new(device, "room")?;
     let state = Buffer::new(device, "room/sample state", BufferKind::Storage, u64::from(view.settings.samples) * 4)?;
     let counters = Buffer::new(device, "room/counters", BufferKind::Storage, COUNTER_WORDS * 4)?;
     let records = record::buffer(device, "room", false)?;
     let seen = Buffer::new(device, "room/seen", BufferKind::Storage, pixels * 16)?;
-    frame_buffer.write(0, bytemuck::bytes_of(&frame))?;
+    frame.write(&GpuFrame::new(frustum, view.scene, &[eye]), &setup)?;
 
     // Each projector adds its light to each sample of each of the eye's pixels.
     let mut recorder = Recorder::new(device, 0, "room")?;
@@ -60,9 +60,8 @@ pub(crate) fn render(
     recorder.fill(&seen, 0)?;
     recorder.fill(&counters, 0)?;
     for (index, picture) in view.pictures.iter().enumerate() {
-        let bindings = shared
-            .clone()
-            .with_buffer("Frame", &frame_buffer)
+        let bindings = frame
+            .list(shared.clone())
             .with_buffer("SampleState", &state)
             .with_buffer("Counters", &counters)
             .with_buffer("Records", &records)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Image, ImageFormat, ImageUsage};
 
 use crate::catalogue::Catalogue;
-use crate::frame::GpuFrame;
+use crate::frame::FrameBlocks;
 use crate::record;
 use crate::settings::Settings;
 use crate::tile_lists::{self, TILE_PX, TileList};
@@ -14,8 +14,8 @@ use crate::tile_lists::{self, TILE_PX, TileList};
 pub(crate) struct Targets {
     /// Columns and rows.
     pub(crate) size_px: [u32; 2],
-    /// The block that shaders read; host-visible, written right before the submission.
-    pub(crate) frame: Arc<Buffer>,
+    /// What shaders read of a frame.
+    pub(crate) frame: FrameBlocks,
     /// One word a stratum, from which jitter is generated.
     pub(crate) sample_state: Arc<Buffer>,
     /// A buffer a group of sample planes: instance and triangle, 8 bytes a sample.
@@ -86,7 +86,7 @@ impl Targets {
         let color_usage = ImageUsage::COLOR | ImageUsage::SAMPLED;
         Ok(Self {
             size_px,
-            frame: Buffer::new(device, &format!("{name}/frame"), BufferKind::Uniform, size_of::<GpuFrame>() as u64)?,
+            frame: FrameBlocks::new(device, name)?,
             sample_state: storage("sample state", u64::from(samples) * 4)?,
             hits: (0..samples / planes_a_group)
                 .map(|g| storage(&format!("hits {g}"), pixels * 8 * u64::from(planes_a_group)))
@@ -116,8 +116,8 @@ impl Targets {
 
     /// Adds everything but what there is once for each sample.
     pub(crate) fn list(&self, catalogue: Catalogue) -> Catalogue {
-        catalogue
-            .with_buffer("Frame", &self.frame)
+        self.frame
+            .list(catalogue)
             .with_buffer("SampleState", &self.sample_state)
             .with_buffer("Class", &self.classes)
             .with_buffer("Once", &self.once)
@@ -144,7 +144,6 @@ impl Targets {
     /// Bytes of all of it on the device.
     pub(crate) fn bytes(&self) -> u64 {
         let single = [
-            &self.frame,
             &self.sample_state,
             &self.classes,
             &self.once,
@@ -165,7 +164,7 @@ impl Targets {
         ];
         let buffers = single.into_iter().chain(&self.hits).map(|b| b.bytes());
         let images = [&self.radiance_image, &self.node_image, &self.depth_image].into_iter().map(|i| i.bytes());
-        buffers.chain(images).sum()
+        buffers.chain(images).sum::<u64>() + self.frame.bytes()
     }
 
     /// The group in which `middle_sample` of `include/random.glsl` lies.
