@@ -232,6 +232,11 @@ impl<'a> Value<'a> {
         }
     }
 
+    /// Whether it is one, for values of more than one type.
+    pub(crate) fn is_string(&self) -> bool {
+        self.value.is_str()
+    }
+
     /// A string or, where people write a bare index, its digits.
     pub(crate) fn string_or_index(&self) -> Option<String> {
         match self.value {

@@ -143,6 +143,9 @@ pub struct Tracker {
     pub bodies: BTreeMap<u16, String>,
     /// A rotation, a translation and a uniform scale.
     pub world_from_tracker: Matrix4,
+    /// `None`: its poses are taken as they are. Else they are predicted to when the light of a frame leaves the projector, and
+    /// this is how old they are at least when they are heard, ms, 0 to 150.
+    pub predict_lead_ms: Option<f64>,
 }
 
 /// Tracker protocols that are built.
@@ -181,6 +184,8 @@ pub enum Output {
     Headless {
         /// Frames a second at most; 1 to 1000.
         refresh_hz: f64,
+        /// From a frame's completion to its light, ms; 0 to 1000.
+        latency_ms: f64,
     },
 }
 

@@ -217,13 +217,24 @@ fn addresses_must_parse() {
 }
 
 #[test]
+fn predictions_have_a_bound() {
+    one("listen =", "predict_ms = -1\nlisten =", "from 0 to 150");
+    one("listen =", "predict_ms = 151\nlisten =", "from 0 to 150");
+    one("listen =", "predict_ms = \"outo\"\nlisten =", "did you mean \"auto\"");
+    one("listen =", "predict_ms = true\nlisten =", "a number");
+    for latency in ["-1", "1001"] {
+        let output = format!("output = {{ kind = \"headless\", latency_ms = {latency} }}\nresolution_px");
+        one("resolution_px", &output, "from 0 to 1000");
+    }
+}
+
+#[test]
 fn what_is_not_built_is_refused_in_words() {
     for protocol in ["osc", "natnet", "freed", "psn", "opentrack", "dtrack"] {
         let line = format!("protocol = \"{protocol}\"\npreset = \"vmc\"\nversion = 4\nup = \"z\"");
         one("protocol = \"lantern\"", &line, "not built yet");
     }
     one("protocol = \"lantern\"", "protocol = \"vrpn\"", "there is no protocol");
-    one("listen =", "predict_ms = 12\nlisten =", "not built yet");
     one("listen =", "preset = \"vmc\"\nlisten =", "belongs to protocol \"osc\"");
     one("\"viewer\"", "\"projector:left\"", "not built yet");
     one("resolution_px", "output = { kind = \"window\" }\nresolution_px", "not built yet");

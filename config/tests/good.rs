@@ -81,9 +81,10 @@ fn the_contracts_example() {
     let tracker = &config.trackers[0];
     assert_eq!((tracker.name.as_str(), tracker.listen.to_string().as_str()), ("optitrack", "127.0.0.1:7000"));
     assert_eq!(tracker.bodies.iter().collect::<Vec<_>>(), [(&1, &"head".to_owned())]);
+    assert_eq!(tracker.predict_lead_ms, None);
     let projector = &config.projectors[0];
     assert_eq!(projector.resolution_px, [1280, 800]);
-    assert_eq!(projector.output, Output::Headless { refresh_hz: 60.0 });
+    assert_eq!(projector.output, Output::Headless { refresh_hz: 60.0, latency_ms: 0.0 });
     assert_eq!(projector.calibration.convention, Convention::OpenGl);
     assert_eq!(projector.calibration.view[1], [0.0, 1.0, 0.0, -1.0]);
     assert_eq!(config.limits, Limits::default());
@@ -102,6 +103,18 @@ fn what_is_left_out_has_its_default() {
     let config = parse(&format!("{tracker}{}", &CONTRACT[start..]));
     assert!(config.trackers[0].allow.iter().all(|address| address.is_loopback()));
     assert_eq!(config.bodies[0].drives, None);
+}
+
+#[test]
+fn poses_are_predicted_from_when_the_configuration_says() {
+    for (value, lead_ms) in
+        [("0", None), ("0.0", None), ("\"auto\"", Some(0.0)), ("30", Some(30.0)), ("0.5", Some(0.5))]
+    {
+        let config = parse(&CONTRACT.replace("predict_ms = 0 ", &format!("predict_ms = {value} ")));
+        assert_eq!(config.trackers[0].predict_lead_ms, lead_ms, "{value}");
+    }
+    let config = parse(&CONTRACT.replace("refresh_hz = 60", "refresh_hz = 60, latency_ms = 33.4"));
+    assert_eq!(config.projectors[0].output, Output::Headless { refresh_hz: 60.0, latency_ms: 33.4 });
 }
 
 #[test]

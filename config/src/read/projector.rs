@@ -23,7 +23,7 @@ fn projector(table: Table<'_>, taken: &mut HashSet<String>) -> Option<Projector>
         Some(sides.map(|side| side as u32))
     });
     let output = match table.get("output") {
-        None => Some(Output::Headless { refresh_hz: 60.0 }),
+        None => Some(Output::Headless { refresh_hz: 60.0, latency_ms: 0.0 }),
         Some(value) => value.table().and_then(output),
     };
     let calibration = table
@@ -47,6 +47,9 @@ fn output(table: Table<'_>) -> Option<Output> {
     let refresh = table.get("refresh_hz");
     let refresh_hz = refresh.and_then(|v| v.number_where("from 1 to 1000", |hz| (1.0..=1000.0).contains(&hz)));
 
+    let latency = table.get("latency_ms");
+    let latency_ms = latency.and_then(|v| v.number_where("from 0 to 1000", |ms| (0.0..=1000.0).contains(&ms)));
+
     // A connector is a display's; where displays are refused as a whole it needs no words of its own.
     if let (Some(connector), Some(Kind::Headless)) = (table.get("connector"), kind) {
         connector.problem("a headless output has no connector", "remove `connector`");
@@ -55,7 +58,8 @@ fn output(table: Table<'_>) -> Option<Output> {
         value.problem("outputs other than headless are not built yet", "write output = { kind = \"headless\" }");
     }
     table.finish();
-    (kind == Some(Kind::Headless)).then_some(Output::Headless { refresh_hz: refresh_hz.unwrap_or(60.0) })
+    let (refresh_hz, latency_ms) = (refresh_hz.unwrap_or(60.0), latency_ms.unwrap_or_default());
+    (kind == Some(Kind::Headless)).then_some(Output::Headless { refresh_hz, latency_ms })
 }
 
 fn calibration(table: Table<'_>) -> Option<Calibration> {

@@ -16,6 +16,9 @@ const KEYS_TO_COME: [(&str, &str); 5] =
 /// The farthest that anything is believed to be, along each axis, m: what poses are held to while the daemon runs.
 const MAX_DISTANCE_M: f64 = 1e8;
 
+/// The farthest that anything is predicted, ms; `tracking` holds predictions to the same.
+const MAX_PREDICT_MS: f64 = 150.0;
+
 const IDENTITY: Matrix4 = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
 
 pub(crate) fn bodies(tables: Vec<Table<'_>>, nodes: &HashSet<String>) -> Option<Vec<Body>> {
@@ -96,11 +99,10 @@ fn tracker(
         None => Some(IDENTITY),
         Some(value) => similarity(&value),
     };
-    if let Some(value) = table.get("predict_ms")
-        && value.number_where("of at least 0", |ms| ms >= 0.0).is_some_and(|ms| ms != 0.0)
-    {
-        value.problem("prediction is not built yet", "write predict_ms = 0, or let the tracker predict");
-    }
+    let predict_lead_ms = match table.get("predict_ms") {
+        None => Some(None),
+        Some(value) => predict(&value),
+    };
 
     // Keys of other protocols are known, and wrong beside this one; beside a protocol to come that one line says it all.
     for (key, owner) in KEYS_TO_COME {
@@ -117,7 +119,18 @@ fn tracker(
         allow: allow?,
         bodies: bodies?,
         world_from_tracker: world_from_tracker?,
+        predict_lead_ms: predict_lead_ms?,
     })
+}
+
+/// 0: nothing is predicted here. Else from when on.
+fn predict(value: &Value<'_>) -> Option<Option<f64>> {
+    if value.is_string() {
+        return value.choice(&[("auto", Some(0.0))]);
+    }
+    let allowed = "from 0 to 150, or write \"auto\"; farther ahead, a straight line says nothing of a head";
+    let lead_ms = value.number_where(allowed, |ms| (0.0..=MAX_PREDICT_MS).contains(&ms))?;
+    Some((lead_ms > 0.0).then_some(lead_ms))
 }
 
 fn protocol(value: &Value<'_>) -> Option<Protocol> {

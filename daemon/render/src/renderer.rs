@@ -45,6 +45,8 @@ pub struct ProjectorReport {
     pub projector: usize,
     /// From the submission to the completion that the host saw, ms.
     pub frame_ms: f64,
+    /// When the host saw its completion.
+    pub completed: Instant,
     /// Device time by stage, ms.
     pub stages_ms: Vec<(&'static str, f64)>,
     /// From reading the newest pose to the submission that uses it, ms.
@@ -78,6 +80,10 @@ pub struct FrameReport {
     pub projectors: Vec<ProjectorReport>,
     /// Bytes of meshes, images and environments that were sent beside it.
     pub uploaded_bytes: u64,
+    /// When the eyes were read that it shows.
+    pub read: Instant,
+    /// When all of it was with the device's queues.
+    pub submitted: Instant,
 }
 
 /// What is uploaded beside one frame at most, bytes: a few milliseconds' worth on a software driver, a fraction of one elsewhere.
@@ -380,7 +386,8 @@ impl Renderer {
         let begun = Instant::now();
         let (owners, commands): (Vec<usize>, Vec<Commands>) = recorded.into_iter().unzip();
         let submissions = self.device.submit_all(commands, &[])?;
-        let pose_to_submit_ms = read.elapsed().as_secs_f64() * 1e3;
+        let submitted = Instant::now();
+        let pose_to_submit_ms = (submitted - read).as_secs_f64() * 1e3;
 
         // The frame is whole when the last projector's part of it is.
         let mut reports = Vec::new();
@@ -389,11 +396,13 @@ impl Renderer {
                 owners.iter().zip(&submissions).filter(|(owner, _)| **owner == index).map(|(_, s)| s).collect();
             let Some(last) = own.last() else { continue };
             last.wait(HUNG_AFTER)?;
-            let frame_ms = begun.elapsed().as_secs_f64() * 1e3;
+            let completed = Instant::now();
+            let frame_ms = (completed - begun).as_secs_f64() * 1e3;
             let spans = own.iter().flat_map(|submission| submission.spans());
             reports.push(ProjectorReport {
                 projector: index,
                 frame_ms,
+                completed,
                 stages_ms: spans.map(|(name, start, end)| (name, end - start)).collect(),
                 pose_to_submit_ms,
                 stale: self.projectors[index].stale,
@@ -414,7 +423,8 @@ impl Renderer {
                 report.rays = Some(bytemuck::cast_slice(&words)[0]);
             }
         }
-        Ok(Some(FrameReport { revision: self.scene.revision, projectors: reports, uploaded_bytes }))
+        let revision = self.scene.revision;
+        Ok(Some(FrameReport { revision, projectors: reports, uploaded_bytes, read, submitted }))
     }
 
     /// Records what is stale, in the order of submission: by projector.

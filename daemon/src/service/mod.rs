@@ -3,6 +3,7 @@
 //! - [`lifecycle`]: start, signals, reload, stop;
 //! - [`setup`]: from the configuration to the parts;
 //! - [`frames`]: the frame thread, which alone talks to the device;
+//! - [`lead`]: when the light of the frame that is being made leaves;
 //! - [`shared`]: what other threads ask of it;
 //! - [`background`]: the thread for what takes long;
 //! - [`engine`]: the control socket's operations;
@@ -14,6 +15,7 @@
 pub mod background;
 pub mod engine;
 pub mod frames;
+pub mod lead;
 pub mod lifecycle;
 pub mod panics;
 pub mod setup;

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use lantern_calibration::{Calibration, CalibrationError};
 use lantern_config::{Config, Output, Problem};
@@ -95,10 +96,13 @@ pub fn settings(config: &Config) -> Settings {
 
 /// What the frame thread is to do.
 pub fn setup(config: &Config, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>) -> Setup {
-    let refresh = |p: &lantern_config::Projector| match p.output {
-        Output::Headless { refresh_hz } => refresh_hz,
-    };
-    Setup { projectors, refresh_hz: config.projectors.iter().map(refresh).collect(), settings: settings(config), scene }
+    let (refresh_hz, latency_ms): (Vec<_>, Vec<_>) = (config.projectors.iter())
+        .map(|projector| match projector.output {
+            Output::Headless { refresh_hz, latency_ms } => (refresh_hz, latency_ms),
+        })
+        .unzip();
+    let output_latency = Duration::from_secs_f64(latency_ms.into_iter().fold(0.0, f64::max) / 1e3);
+    Setup { projectors, refresh_hz, output_latency, settings: settings(config), scene }
 }
 
 /// Structures that were built before: beside the pipelines, or with the state of a service that has no such place.

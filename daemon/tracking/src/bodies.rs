@@ -1,6 +1,7 @@
 //! The bodies and their latest poses, shared by those who hear and those who render.
 
 use crate::pose::{BodyPose, MAX_DISTANCE_M, NORM_TOLERANCE, Update};
+use crate::predict::Predictor;
 use glam::{DQuat, DVec3};
 use lantern_config::{Body, Drives};
 use lantern_proto::status::BodyStatus;
@@ -8,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The source of a pose that nobody has said yet.
 const SOURCE_CONFIG: &str = "config";
@@ -50,7 +51,23 @@ fn hint(known: &[String]) -> String {
 
 struct Entry {
     drives: Option<Drives>,
+    /// As it was said last.
     pose: BodyPose,
+    /// Where its tracker's poses are to be predicted.
+    predictor: Option<Predictor>,
+}
+
+/// A body that drives something, where it will be at the time that was asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placed {
+    /// Its name.
+    pub body: String,
+    /// What it drives.
+    pub drives: Drives,
+    /// Position and orientation as predicted, where they are; everything else is of the pose that was said last.
+    pub pose: BodyPose,
+    /// How far ahead of what was said last that is; `None` where nothing is predicted.
+    pub ahead: Option<Duration>,
 }
 
 /// All bodies of the configuration, by name.
@@ -100,10 +117,23 @@ impl Bodies {
         self.lock().get(body).map(|entry| entry.pose.clone())
     }
 
-    /// What each body drives and its latest pose, all of the same moment, in the order of their names.
-    pub fn driven(&self) -> Vec<(Drives, BodyPose)> {
-        let driven = |entry: &Entry| Some((entry.drives.clone()?, entry.pose.clone()));
-        self.lock().values().filter_map(driven).collect()
+    /// The bodies that drive something, all of the same moment, in the order of their names: where they will be at `time`, as
+    /// far as that is known `now`.
+    pub fn placed(&self, time: Instant, now: Instant) -> Vec<Placed> {
+        let placed = |(body, entry): (&String, &Entry)| {
+            let (pose, ahead) = match &entry.predictor {
+                Some(predictor) => predictor.at(&entry.pose, time, now),
+                None => (entry.pose.clone(), None),
+            };
+            Some(Placed { body: body.clone(), drives: entry.drives.clone()?, pose, ahead })
+        };
+        self.lock().iter().filter_map(placed).collect()
+    }
+
+    /// Whether something that is driven moves on by itself, because it is predicted, if nothing more is heard.
+    pub fn are_moving(&self, now: Instant) -> bool {
+        let driven = |entry: &&Entry| entry.drives.is_some();
+        self.lock().values().filter(driven).filter_map(Entry::moves_until).any(|until| now < until)
     }
 
     /// The viewer's eye in the world, m; `None` where no body drives it.
@@ -147,6 +177,8 @@ impl Bodies {
         if update.position_m.is_none() && update.orientation.is_none() {
             return true;
         }
+        let moved_until = entry.moves_until();
+        entry.predict(update, source, received);
         let pose = &mut entry.pose;
         let before = (pose.position_m, pose.orientation, pose.velocity_m_s);
         pose.position_m = update.position_m.unwrap_or(pose.position_m);
@@ -156,11 +188,14 @@ impl Bodies {
         pose.received = received;
         pose.sequence = update.sequence;
         pose.measured_ns = update.measured_ns;
+        pose.measured = update.timing.measured;
         let same = before == (pose.position_m, pose.orientation, pose.velocity_m_s);
+        // Whoever shows a body that moves by itself is awake as long as it did before, and has to hear if it goes on.
+        let goes_on = entry.moves_until().is_some() && moved_until.is_none_or(|until| until <= received);
         drop(entries);
 
         // A tracker that says the same again, of a body at rest, wakes nobody: nothing has to be rendered anew.
-        if !same {
+        if !same || goes_on {
             self.changed();
         }
         true
@@ -191,6 +226,25 @@ impl Bodies {
     }
 }
 
+impl Entry {
+    /// Lets the prediction hear of an update, or ends it where the source of that does not want any.
+    fn predict(&mut self, update: &Update, source: &Arc<str>, received: Instant) {
+        let Some(lead) = update.timing.predict_lead else {
+            self.predictor = None;
+            return;
+        };
+        // What another source has said is no part of this one's motion.
+        let predictor = self.predictor.take().filter(|_| self.pose.source == *source).unwrap_or_default();
+        let oldest = received.checked_sub(lead).unwrap_or(received);
+        self.predictor.insert(predictor).hear(update, update.timing.measured.unwrap_or(oldest), received);
+    }
+
+    /// Until when it moves by itself, if nothing more is heard; `None` where it does not.
+    fn moves_until(&self) -> Option<Instant> {
+        self.predictor.as_ref().and_then(Predictor::changes_until)
+    }
+}
+
 /// Finite, and within what single precision can hold a room at.
 pub(crate) fn is_place(position_m: DVec3) -> bool {
     position_m.to_array().iter().all(|x| x.abs() <= MAX_DISTANCE_M)
@@ -198,8 +252,11 @@ pub(crate) fn is_place(position_m: DVec3) -> bool {
 
 fn entry(body: &Body, old: Option<Entry>, now: Instant) -> Entry {
     let offset_m = DVec3::from_array(body.offset_m);
-    let placed = old.map(|old| old.pose).filter(|pose| &*pose.source != SOURCE_CONFIG);
-    let pose = placed.map(|pose| BodyPose { offset_m, ..pose }).unwrap_or_else(|| BodyPose {
+    let placed = old.filter(|old| &*old.pose.source != SOURCE_CONFIG);
+    if let Some(Entry { pose, predictor, .. }) = placed {
+        return Entry { drives: body.drives.clone(), pose: BodyPose { offset_m, ..pose }, predictor };
+    }
+    let pose = BodyPose {
         position_m: DVec3::from_array(body.position_m),
         orientation: DQuat::IDENTITY,
         velocity_m_s: None,
@@ -208,13 +265,15 @@ fn entry(body: &Body, old: Option<Entry>, now: Instant) -> Entry {
         received: now,
         sequence: None,
         measured_ns: None,
-    });
-    Entry { drives: body.drives.clone(), pose }
+        measured: None,
+    };
+    Entry { drives: body.drives.clone(), pose, predictor: None }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pose::Timing;
     use std::f64::consts::FRAC_1_SQRT_2;
     use std::sync::atomic::AtomicUsize;
 
@@ -234,8 +293,10 @@ mod tests {
         assert_eq!(bodies.eye_m(), Some(DVec3::new(0.0, 1.7, 2.4)));
         assert_eq!(bodies.get("hat"), None);
         assert_eq!(Bodies::new(&[body("car", None)]).eye_m(), None);
-        let driven: Vec<_> = bodies.driven().into_iter().map(|(drives, _)| drives).collect();
-        assert_eq!(driven, [Drives::Node("car".into()), Drives::Viewer]);
+        let now = Instant::now();
+        let placed: Vec<_> = bodies.placed(now, now).into_iter().map(|p| (p.body, p.drives, p.ahead)).collect();
+        let driven = [("car".to_owned(), Drives::Node("car".into()), None), ("head".to_owned(), Drives::Viewer, None)];
+        assert_eq!(placed, driven);
     }
 
     #[test]
@@ -265,6 +326,46 @@ mod tests {
         assert_eq!((woken.load(Ordering::SeqCst), bodies.generation()), (1, start + 1));
         bodies.set_pose("car", DVec3::X, None, "socket").unwrap();
         assert_eq!((woken.load(Ordering::SeqCst), bodies.generation()), (2, start + 2));
+    }
+
+    #[test]
+    fn only_what_is_predicted_moves_on_until_it_rests() {
+        let bodies = two();
+        let (source, start) = (Arc::from("optitrack"), Instant::now());
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        let say = |x: f64, ms: u64, predict_lead| {
+            let timing = Timing { measured: Some(at(ms)), predict_lead };
+            let update = Update { position_m: Some(DVec3::X * x), timing, ..Update::default() };
+            bodies.apply("head", &update, &source, at(ms));
+            bodies.generation()
+        };
+        let head = |ms: u64| bodies.placed(at(ms + 50), at(ms)).pop().unwrap();
+        for step in 0..100 {
+            say(f64::from(step) / 100.0, u64::from(step as u32) * 10, None);
+        }
+        assert_eq!((head(990).pose.position_m.x, head(990).ahead, bodies.are_moving(at(990))), (0.99, None, false));
+
+        // The same, predicted: 1 m/s.
+        for step in 0..100 {
+            say(f64::from(step) / 100.0, 1000 + step as u64 * 10, Some(Duration::ZERO));
+        }
+        let placed = head(1995);
+        assert!((placed.pose.position_m.x - 1.045).abs() < 4e-3, "{placed:?}");
+        assert_eq!(placed.ahead, Some(Duration::from_millis(55)));
+        assert!(bodies.are_moving(at(2100)) && !bodies.are_moving(at(3000)));
+        assert_eq!(head(3000).pose.position_m.x, 0.99);
+
+        // It is heard again where it was: nobody is woken, then or later.
+        let before = bodies.generation();
+        for ms in [3000, 3010, 3020] {
+            assert_eq!(say(0.99, ms, Some(Duration::ZERO)), before);
+        }
+        assert!(!bodies.are_moving(at(3021)));
+        // The socket's word is taken as it is.
+        say(2.0, 3030, Some(Duration::ZERO));
+        say(3.0, 3040, Some(Duration::ZERO));
+        bodies.set_pose("head", DVec3::Y, None, "socket").unwrap();
+        assert_eq!((head(3041).pose.position_m, bodies.are_moving(at(3041))), (DVec3::Y, false));
     }
 
     #[test]

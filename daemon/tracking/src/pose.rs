@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The farthest from the world's origin that anything is believed to be, along each axis, m: beyond it single precision
 /// keeps nothing of a room.
@@ -30,6 +30,8 @@ pub struct BodyPose {
     pub sequence: Option<u32>,
     /// When it was measured, ns on the source's own clock, where the source says.
     pub measured_ns: Option<u64>,
+    /// The same on our clock, where the source says: estimated, and never after it was heard.
+    pub measured: Option<Instant>,
 }
 
 impl BodyPose {
@@ -50,4 +52,14 @@ pub(crate) struct Update {
     pub(crate) velocity_m_s: Option<DVec3>,
     pub(crate) sequence: Option<u32>,
     pub(crate) measured_ns: Option<u64>,
+    pub(crate) timing: Timing,
+}
+
+/// What the times of a pose are, on our clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Timing {
+    /// When it was measured, where that is known.
+    pub(crate) measured: Option<Instant>,
+    /// Where poses are to be predicted: how old they are at least when they are heard.
+    pub(crate) predict_lead: Option<Duration>,
 }

@@ -1,6 +1,7 @@
 //! One tracker: who may speak, whom it means, and where its frame lies in the world.
 
 use crate::bodies::{Bodies, is_place};
+use crate::clock::Timekeeper;
 use crate::counters::Counters;
 use crate::pose::Update;
 use crate::protocol::{Protocol, Reading};
@@ -47,6 +48,7 @@ pub(crate) struct Source {
     protocol: Box<dyn Protocol>,
     /// By body id: the newest sequence. Only ids that the configuration names get in, so it stays small.
     last_sequence: HashMap<u16, u32>,
+    timekeeper: Timekeeper,
     counters: Counters,
 }
 
@@ -62,6 +64,7 @@ impl Source {
                 lantern_config::Protocol::Lantern => Box::new(crate::lantern::Lantern),
             },
             last_sequence: HashMap::new(),
+            timekeeper: Timekeeper::new(tracker),
             counters: Counters::new(Instant::now()),
         }
     }
@@ -107,7 +110,8 @@ impl Source {
         {
             return self.counters.drop_old(format!("old: sequence {} is not newer than {last}", reading.sequence));
         }
-        let update = self.to_world(&reading);
+        let timing = self.timekeeper.timing(reading.measured_ns, received);
+        let update = Update { timing, ..self.to_world(&reading) };
         if update.position_m.is_some_and(|position_m| !is_place(position_m)) {
             return self.counters.reject("position beyond 1e8 m".to_owned());
         }
@@ -131,6 +135,7 @@ impl Source {
             velocity_m_s: reading.velocity_m_s.map(|v| world.vector(v)),
             sequence: Some(reading.sequence),
             measured_ns: reading.measured_ns,
+            ..Update::default()
         }
     }
 }
@@ -158,6 +163,7 @@ mod tests {
                 [0.0, -0.001, 0.0, 0.0],
                 [0.0, 0.0, 0.0, 1.0],
             ],
+            predict_lead_ms: None,
         }
     }
 

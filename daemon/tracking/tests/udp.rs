@@ -23,6 +23,7 @@ fn tracker(name: &str, listen: &str) -> Tracker {
         allow: vec!["127.0.0.1".parse().unwrap()],
         bodies: BTreeMap::from([(1, "head".to_owned())]),
         world_from_tracker: IDENTITY,
+        predict_lead_ms: None,
     }
 }
 
