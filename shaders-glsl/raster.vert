@@ -18,9 +18,9 @@ void main() {
     triangle = uint(gl_VertexIndex) / 3u;
     uint corner = uint(gl_VertexIndex) % 3u;
     int at = (int(instance_words(push.instance).triangle_base) + int(triangle)) * 3;
-    vec3 p = texelFetch(triangles, at).xyz;
+    vec3 p = LOAD(triangles, at).xyz;
     if (corner != 0u) {
-        p += texelFetch(triangles, at + int(corner)).xyz;
+        p += LOAD(triangles, at + int(corner)).xyz;
     }
     vec4 row0, row1, row2;
     instance_rows(push.instance, 0, row0, row1, row2);

@@ -27,15 +27,25 @@ fn main() {
     sources.sort();
 
     let mut rust = String::from("// Written by build.rs.\n");
-    let (mut all, mut by_ray_query) = (Vec::new(), Vec::new());
+    let (mut all, mut by_storage, mut by_ray_query) = (Vec::new(), Vec::new(), Vec::new());
     for source in &sources {
         let name = source.file_name().and_then(|n| n.to_str()).expect("shader names are ASCII").to_owned();
         let (words, module) = compile(source, &out.join(format!("{name}.spv")), &[]);
         write_table(&mut rust, &constant_name(&name), &name, &words, &module);
 
-        // What traces is built again for ray queries, whose capability must stand in the code of whoever asks for them. No pass
-        // but compute traces; where another could, by a way that it never takes, it does not become a second shader.
-        let (words, module) = compile(source, &out.join(format!("{name}.ray_query.spv")), &["-DRAY_QUERY"]);
+        // What reads the scene is built again for devices that do so through storage buffers.
+        let (others, module) = compile(source, &out.join(format!("{name}.storage.spv")), &["-DSTORAGE_LOADS"]);
+        if others != words {
+            let constant = constant_name(&name) + "_BY_STORAGE";
+            write_table(&mut rust, &constant, &format!("{name}, by storage buffers"), &others, &module);
+            by_storage.push(format!("(&{}, &{constant})", constant_name(&name)));
+        }
+
+        // What traces is built a third time for ray queries, whose capability must stand in the code of whoever asks for them; not a
+        // fourth, since devices with ray queries read through storage buffers. No pass but compute traces; where another could, by
+        // a way that it never takes, it does not become another shader.
+        let options = ["-DSTORAGE_LOADS", "-DRAY_QUERY"];
+        let (words, module) = compile(source, &out.join(format!("{name}.ray_query.spv")), &options);
         let traces = Reflection::new(&module).bindings().values().any(|table| table.kind == "AccelerationStructure");
         if traces && name.ends_with(".comp") {
             let constant = constant_name(&name) + "_BY_RAY_QUERY";
@@ -44,6 +54,11 @@ fn main() {
         }
         all.push(constant_name(&name));
     }
+    let _ = writeln!(
+        rust,
+        "/// What reads the scene, and the same through storage buffers.\nstatic BY_STORAGE: &[(&Shader, &Shader)] = &[{}];",
+        by_storage.join(", ")
+    );
     let _ = writeln!(
         rust,
         "/// What traces, and the same for devices with ray queries.\nstatic BY_RAY_QUERY: &[(&Shader, &Shader)] = &[{}];",

@@ -75,7 +75,7 @@ Slabs slabs_of(Beam b, uvec4 root, float t_max) {
 
 void traverse_mesh(Beam b, float t_min, uint instance, InstanceWords words, inout BeamHits hits) {
     float farthest = most(hits.t);
-    Slabs slabs = slabs_of(b, texelFetch(blas_nodes, int(words.node_base) * 5), farthest);
+    Slabs slabs = slabs_of(b, LOAD(blas_nodes, int(words.node_base) * 5), farthest);
     uint octant4 = octant_inverse(slabs.near_inverse);
     uvec4 wins;
     for (int i = 0; i < 4; ++i) {
@@ -95,7 +95,7 @@ void traverse_mesh(Beam b, float t_min, uint instance, InstanceWords words, inou
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            open_node(blas_nodes, int(words.node_base + child), slabs, octant4, t_min, farthest, group, primitives);
+            open_blas_node(int(words.node_base + child), slabs, octant4, t_min, farthest, group, primitives);
             if ((group.y & NODE_BITS) == 0u && top > 0) {
                 group = stack[--top];
             }
@@ -113,8 +113,8 @@ void traverse_mesh(Beam b, float t_min, uint instance, InstanceWords words, inou
                 int at = (int(words.triangle_base) + int(triangle)) * 3;
                 vec4 u, v, inside;
                 vec4 t = meet_triangle(b.origin_x, b.origin_y, b.origin_z, b.direction_x, b.direction_y, b.direction_z,
-                                       texelFetch(triangles, at).xyz, texelFetch(triangles, at + 1).xyz,
-                                       texelFetch(triangles, at + 2).xyz, u, v, inside);
+                                       LOAD(triangles, at).xyz, LOAD(triangles, at + 1).xyz,
+                                       LOAD(triangles, at + 2).xyz, u, v, inside);
                 for (int i = 0; i < 4; ++i) {
                     if (inside[i] >= -EDGE_PAD && t[i] > t_min && (t[i] < hits.t[i] || t[i] == hits.t[i] && triangle < wins[i])) {
                         hits.t[i] = t[i];
@@ -139,7 +139,7 @@ void traverse_mesh(Beam b, float t_min, uint instance, InstanceWords words, inou
 // The nearest hits of four rays, from t_min to each one's t_max.
 BeamHits trace_closest(Beam b, float t_min, vec4 t_max, uint roles) {
     BeamHits hits = BeamHits(t_max, uvec4(NO_INSTANCE), uvec4(0u));
-    Slabs slabs = slabs_of(b, texelFetch(tlas_nodes, 0), most(t_max));
+    Slabs slabs = slabs_of(b, LOAD(tlas_nodes, 0), most(t_max));
     uint octant4 = octant_inverse(slabs.near_inverse);
 
     uvec2 stack[STACK_SIZE];
@@ -153,13 +153,13 @@ BeamHits trace_closest(Beam b, float t_min, vec4 t_max, uint roles) {
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            open_node(tlas_nodes, int(child), slabs, octant4, t_min, most(hits.t), group, entries);
+            open_tlas_node(int(child), slabs, octant4, t_min, most(hits.t), group, entries);
         }
 
         if (entries.y != 0u) {
             uint bit = uint(findMSB(entries.y));
             entries.y &= ~(1u << bit);
-            uint instance = texelFetch(tlas_order, int(entries.x + bit)).x;
+            uint instance = LOAD_WORD(tlas_order, int(entries.x + bit));
             InstanceWords words = instance_words(instance);
             if ((words.flags & roles) != 0u) {
                 vec4 row0, row1, row2;

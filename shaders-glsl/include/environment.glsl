@@ -6,7 +6,7 @@ vec3 environment_texel(ivec2 at) {
     ivec2 size = ivec2(setup.environment_px);
     at.x = at.x < 0 ? at.x + size.x : (at.x >= size.x ? at.x - size.x : at.x);
     at.y = clamp(at.y, 0, size.y - 1);
-    return texelFetch(environment_texels, int(setup.environment_first) + at.y * size.x + at.x).rgb;
+    return LOAD(environment_texels, int(setup.environment_first) + at.y * size.x + at.x).rgb;
 }
 
 // Linear radiance from a direction, bilinear, wrapping around the horizon.

@@ -39,9 +39,9 @@ vec2 meet_again(Ray ray, uint instance, uint triangle) {
     vec4 row0, row1, row2;
     instance_rows(instance, 3, row0, row1, row2);
     vec3 direction = transform_vector(row0, row1, row2, ray.direction);
-    vec3 e1 = texelFetch(triangles, at + 1).xyz;
-    vec3 e2 = texelFetch(triangles, at + 2).xyz;
-    vec3 s = transform_point(row0, row1, row2, ray.origin) - texelFetch(triangles, at).xyz;
+    vec3 e1 = LOAD(triangles, at + 1).xyz;
+    vec3 e2 = LOAD(triangles, at + 2).xyz;
+    vec3 s = transform_point(row0, row1, row2, ray.origin) - LOAD(triangles, at).xyz;
     vec3 p = cross(direction, e2);
     float det = dot(e1, p);
     vec2 barycentric = det == 0.0 ? vec2(0.0) : vec2(dot(s, p), dot(direction, cross(s, e1))) / det;

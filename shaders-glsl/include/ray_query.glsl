@@ -17,9 +17,9 @@ Hit meet_found(Ray ray, uint instance, uint triangle, float t_of_device) {
     instance_rows(instance, 3, row0, row1, row2);
     vec3 direction = transform_vector(row0, row1, row2, ray.direction);
     int at = (int(instance_words(instance).triangle_base) + int(triangle)) * 3;
-    vec3 s = transform_point(row0, row1, row2, ray.origin) - texelFetch(triangles, at).xyz;
-    vec3 e1 = texelFetch(triangles, at + 1).xyz;
-    vec3 e2 = texelFetch(triangles, at + 2).xyz;
+    vec3 s = transform_point(row0, row1, row2, ray.origin) - LOAD(triangles, at).xyz;
+    vec3 e1 = LOAD(triangles, at + 1).xyz;
+    vec3 e2 = LOAD(triangles, at + 2).xyz;
     vec3 p = cross(direction, e2);
     vec3 q = cross(s, e1);
     float det = dot(e1, p);

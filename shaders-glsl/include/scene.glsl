@@ -56,22 +56,37 @@ struct GpuLight {
     float cos_inner;
 };
 
-// What rays read lies in texel buffers, whole texels at a time: twice as fast as storage buffers on lavapipe.
-layout(binding = 0) uniform usamplerBuffer blas_nodes;
-layout(binding = 1) uniform samplerBuffer triangles;
-layout(binding = 2) uniform usamplerBuffer indices;
-layout(binding = 3) uniform usamplerBuffer vertices;
+// What rays read, whole texels at a time: through texel buffers, or, where STORAGE_LOADS is defined, through storage buffers. Which
+// serves is chosen by daemon/render/src/loads.rs.
+#ifdef STORAGE_LOADS
+#define SCENE_UINTS(number, name) layout(std430, binding = number) readonly buffer name { uvec4 name##_at[]; }
+#define SCENE_FLOATS(number, name) layout(std430, binding = number) readonly buffer name { vec4 name##_at[]; }
+#define SCENE_WORDS(number, name) layout(std430, binding = number) readonly buffer name { uint name##_at[]; }
+#define LOAD(name, at) name##_at[at]
+#define LOAD_WORD(name, at) name##_at[at]
+#else
+#define SCENE_UINTS(number, name) layout(binding = number) uniform usamplerBuffer name
+#define SCENE_FLOATS(number, name) layout(binding = number) uniform samplerBuffer name
+#define SCENE_WORDS(number, name) layout(binding = number) uniform usamplerBuffer name
+#define LOAD(name, at) texelFetch(name, at)
+#define LOAD_WORD(name, at) texelFetch(name, at).x
+#endif
+
+SCENE_UINTS(0, blas_nodes);
+SCENE_FLOATS(1, triangles);
+SCENE_UINTS(2, indices);
+SCENE_UINTS(3, vertices);
 
 // The top level, rewritten whole when a node moves.
-layout(binding = 4) uniform usamplerBuffer instances;
-layout(binding = 5) uniform usamplerBuffer tlas_nodes;
-layout(binding = 6) uniform usamplerBuffer tlas_order;
+SCENE_UINTS(4, instances);
+SCENE_UINTS(5, tlas_nodes);
+SCENE_WORDS(6, tlas_order);
 
-layout(binding = 7) uniform usamplerBuffer materials;
-layout(binding = 8) uniform usamplerBuffer lights;
+SCENE_UINTS(7, materials);
+SCENE_UINTS(8, lights);
 layout(std430, binding = 9) readonly buffer Textures { GpuTexture textures[]; };
-layout(binding = 10) uniform samplerBuffer texels;
-layout(binding = 11) uniform samplerBuffer environment_texels;
+SCENE_WORDS(10, texels);
+SCENE_FLOATS(11, environment_texels);
 
 // The words of a GpuInstance after its two matrices.
 struct InstanceWords {
@@ -86,19 +101,19 @@ struct InstanceWords {
 const int INSTANCE_TEXELS = 8;
 
 InstanceWords instance_words(uint instance) {
-    uvec4 a = texelFetch(instances, int(instance) * INSTANCE_TEXELS + 6);
-    uvec4 b = texelFetch(instances, int(instance) * INSTANCE_TEXELS + 7);
+    uvec4 a = LOAD(instances, int(instance) * INSTANCE_TEXELS + 6);
+    uvec4 b = LOAD(instances, int(instance) * INSTANCE_TEXELS + 7);
     return InstanceWords(a.x, a.y, a.z, a.w, b.x, b.y);
 }
 
 GpuMaterial material_at(uint index) {
     int at = int(index) * 7;
-    uvec4 base = texelFetch(materials, at);
-    uvec4 a = texelFetch(materials, at + 1);
-    uvec4 b = texelFetch(materials, at + 2);
-    uvec4 c = texelFetch(materials, at + 3);
-    uvec4 d = texelFetch(materials, at + 4);
-    uvec4 e = texelFetch(materials, at + 5);
+    uvec4 base = LOAD(materials, at);
+    uvec4 a = LOAD(materials, at + 1);
+    uvec4 b = LOAD(materials, at + 2);
+    uvec4 c = LOAD(materials, at + 3);
+    uvec4 d = LOAD(materials, at + 4);
+    uvec4 e = LOAD(materials, at + 5);
     return GpuMaterial(uintBitsToFloat(base), uintBitsToFloat(a.xyz), uintBitsToFloat(a.w), uintBitsToFloat(b.xyz), uintBitsToFloat(b.w),
                        uintBitsToFloat(c.x), uintBitsToFloat(c.y), uintBitsToFloat(c.z), uintBitsToFloat(c.w), uintBitsToFloat(d.x),
                        uintBitsToFloat(d.y), uintBitsToFloat(d.z), d.w, e.x, e.y, e.z);
@@ -106,10 +121,10 @@ GpuMaterial material_at(uint index) {
 
 GpuLight light_of(uint index) {
     int at = int(index) * 4;
-    uvec4 a = texelFetch(lights, at);
-    uvec4 b = texelFetch(lights, at + 1);
-    uvec4 c = texelFetch(lights, at + 2);
-    uvec4 d = texelFetch(lights, at + 3);
+    uvec4 a = LOAD(lights, at);
+    uvec4 b = LOAD(lights, at + 1);
+    uvec4 c = LOAD(lights, at + 2);
+    uvec4 d = LOAD(lights, at + 3);
     return GpuLight(uintBitsToFloat(a.xyz), a.w, uintBitsToFloat(b.xyz), uintBitsToFloat(b.w), uintBitsToFloat(c.xyz), uintBitsToFloat(c.w),
                     uintBitsToFloat(d.x));
 }
@@ -117,9 +132,9 @@ GpuLight light_of(uint index) {
 // Rows 0 to 2 of world_from_object (first = 0) or object_from_world (first = 3).
 void instance_rows(uint instance, int first, out vec4 row0, out vec4 row1, out vec4 row2) {
     int base = int(instance) * INSTANCE_TEXELS + first;
-    row0 = uintBitsToFloat(texelFetch(instances, base));
-    row1 = uintBitsToFloat(texelFetch(instances, base + 1));
-    row2 = uintBitsToFloat(texelFetch(instances, base + 2));
+    row0 = uintBitsToFloat(LOAD(instances, base));
+    row1 = uintBitsToFloat(LOAD(instances, base + 1));
+    row2 = uintBitsToFloat(LOAD(instances, base + 2));
 }
 
 // Written out, so that one point and the four of a beam round alike.

@@ -55,7 +55,7 @@ int wrap(int i, int size, uint mode) {
 vec4 texture_texel(GpuTexture t, ivec2 at) {
     int x = wrap(at.x, int(t.width), t.flags & 3u);
     int y = wrap(at.y, int(t.height), (t.flags >> 2u) & 3u);
-    vec4 c = texelFetch(texels, int(t.first_texel) + y * int(t.width) + x);
+    vec4 c = unpackUnorm4x8(LOAD_WORD(texels, int(t.first_texel) + y * int(t.width) + x));
     if ((t.flags & 16u) != 0u) {
         c.rgb = vec3(srgb_to_linear(c.r), srgb_to_linear(c.g), srgb_to_linear(c.b));
     }
@@ -80,9 +80,9 @@ vec4 texture_at(uint index, vec2 uv) {
 Surface surface_at(uint instance, uint triangle, vec2 barycentric) {
     InstanceWords words = instance_words(instance);
     int at = (int(words.triangle_base) + int(triangle)) * 3;
-    vec3 corner = texelFetch(triangles, at).xyz;
-    vec3 e1 = texelFetch(triangles, at + 1).xyz;
-    vec3 e2 = texelFetch(triangles, at + 2).xyz;
+    vec3 corner = LOAD(triangles, at).xyz;
+    vec3 e1 = LOAD(triangles, at + 1).xyz;
+    vec3 e2 = LOAD(triangles, at + 2).xyz;
     vec4 row0, row1, row2;
     instance_rows(instance, 0, row0, row1, row2);
     vec4 inverse0, inverse1, inverse2;
@@ -97,12 +97,12 @@ Surface surface_at(uint instance, uint triangle, vec2 barycentric) {
     float mirrored = dot(row0.xyz, cross(row1.xyz, row2.xyz)) < 0.0 ? -1.0 : 1.0;
 
     // Interpolated attributes.
-    uvec4 numbers = texelFetch(indices, int(words.triangle_base + triangle));
+    uvec4 numbers = LOAD(indices, int(words.triangle_base + triangle));
     vec3 weights = vec3(1.0 - barycentric.x - barycentric.y, barycentric);
     vec3 normal = vec3(0.0);
     vec2 uvs[3];
     for (int i = 0; i < 3; ++i) {
-        uvec4 vertex = texelFetch(vertices, int(words.vertex_base + numbers[i]));
+        uvec4 vertex = LOAD(vertices, int(words.vertex_base + numbers[i]));
         normal += weights[i] * decode_normal(vertex.x);
         uvs[i] = uintBitsToFloat(vertex.yz);
     }

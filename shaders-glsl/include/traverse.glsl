@@ -156,17 +156,20 @@ uint next_child(inout uvec2 group, uint octant4) {
     return child;
 }
 
-// Fetches node `at` of a structure and meets it: the inner nodes among its children that are met become the group, the triangles or
-// instances the leaves.
-void open_node(usamplerBuffer nodes, int at, Slabs slabs, uint octant4, float t_min, float t_max, out uvec2 group, out uvec2 leaves) {
-    int texel = at * 5;
-    uvec4 n0 = texelFetch(nodes, texel);
-    uvec4 n1 = texelFetch(nodes, texel + 1);
-    uint mask = intersect_node(n0, n1, texelFetch(nodes, texel + 2), texelFetch(nodes, texel + 3), texelFetch(nodes, texel + 4), slabs,
-                               octant4, t_min, t_max);
-    group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));
-    leaves = uvec2(n1.y, mask & ~NODE_BITS);
-}
+// Fetches node `at` of a level's structure and meets it: the inner nodes among its children that are met become the group, the
+// triangles or instances the leaves.
+#define DEFINE_OPEN_NODE(function, nodes)                                                                                     \
+    void function(int at, Slabs slabs, uint octant4, float t_min, float t_max, out uvec2 group, out uvec2 leaves) {           \
+        int texel = at * 5;                                                                                                   \
+        uvec4 n0 = LOAD(nodes, texel);                                                                                        \
+        uvec4 n1 = LOAD(nodes, texel + 1);                                                                                    \
+        uint mask = intersect_node(n0, n1, LOAD(nodes, texel + 2), LOAD(nodes, texel + 3), LOAD(nodes, texel + 4), slabs,     \
+                                   octant4, t_min, t_max);                                                                    \
+        group = uvec2(n1.x, (mask & NODE_BITS) | (n0.w >> 24u));                                                              \
+        leaves = uvec2(n1.y, mask & ~NODE_BITS);                                                                              \
+    }
+DEFINE_OPEN_NODE(open_blas_node, blas_nodes)
+DEFINE_OPEN_NODE(open_tlas_node, tlas_nodes)
 
 // Loops here end at the bottom of their bodies. A driver that keeps lanes apart by masks runs what follows a `break` once more for
 // nothing, and a loop whose condition stands on top one whole turn more; on lavapipe that was a third of the time.
@@ -193,7 +196,7 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            open_node(blas_nodes, int(words.node_base + child), slabs, octant4, ray.t_min, nearest, group, primitives);
+            open_blas_node(int(words.node_base + child), slabs, octant4, ray.t_min, nearest, group, primitives);
             if ((group.y & NODE_BITS) == 0u && top > 0) {
                 group = stack[--top];
             }
@@ -211,8 +214,8 @@ bool traverse_mesh(Ray ray, uint instance, InstanceWords words, const int goal, 
                 int at = (int(words.triangle_base) + int(triangle)) * 3;
                 float u, v, inside;
                 float t = meet_triangle(ray.origin.x, ray.origin.y, ray.origin.z, ray.direction.x, ray.direction.y, ray.direction.z,
-                                        texelFetch(triangles, at).xyz, texelFetch(triangles, at + 1).xyz,
-                                        texelFetch(triangles, at + 2).xyz, u, v, inside);
+                                        LOAD(triangles, at).xyz, LOAD(triangles, at + 1).xyz,
+                                        LOAD(triangles, at + 2).xyz, u, v, inside);
                 if (inside >= -EDGE_PAD && t > ray.t_min && (t < nearest || t == nearest && triangle < wins)) {
                     hit = Hit(t, instance, triangle, vec2(u, v));
                     nearest = t;
@@ -255,14 +258,14 @@ bool traverse(Ray ray, uint roles, const int goal, out Hit hit) {
             if ((group.y & NODE_BITS) != 0u) {
                 stack[top++] = group;
             }
-            open_node(tlas_nodes, int(child), slabs, octant4, ray.t_min, hit.t, group, entries);
+            open_tlas_node(int(child), slabs, octant4, ray.t_min, hit.t, group, entries);
         }
 
         // The instances of a leaf, one after the other, each with the ray in its own space.
         if (entries.y != 0u) {
             uint bit = uint(findMSB(entries.y));
             entries.y &= ~(1u << bit);
-            uint instance = texelFetch(tlas_order, int(entries.x + bit)).x;
+            uint instance = LOAD_WORD(tlas_order, int(entries.x + bit));
             InstanceWords words = instance_words(instance);
             if ((words.flags & roles) != 0u) {
                 vec4 row0, row1, row2;

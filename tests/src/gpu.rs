@@ -10,7 +10,7 @@ use std::{
 use glam::DVec3;
 use lantern_calibration::{Calibration, Frustum};
 use lantern_gpu::{Binding, Device, Instance, Shader, Stage, Validation};
-use lantern_render::{FrameReport, Layer, LayerImage, ProjectorSpec, Renderer, Settings, Texels};
+use lantern_render::{FrameReport, Layer, LayerImage, ProjectorSpec, Renderer, Settings, Texels, Walk};
 use lantern_scene::Scene;
 
 use crate::image::FloatImage;
@@ -48,7 +48,7 @@ pub const ONE_SAMPLE: Settings = Settings {
     shade_once: true,
     always_full: false,
     eye_at_projector: false,
-    beams: None,
+    walk: Walk::BY_DEVICE,
 };
 
 /// A renderer, and what its projectors see with.

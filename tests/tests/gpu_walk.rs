@@ -4,11 +4,11 @@
 use std::{f64::consts::FRAC_1_SQRT_2, sync::Arc};
 
 use glam::{DVec3, UVec2};
-use lantern_render::{Layer, Settings};
+use lantern_render::{Layer, Loads, Settings, Walk, stale::Stale};
 use lantern_scene::Scene;
 use lantern_tests::{
-    gpu::{Rig, assert_validation_is_silent},
-    stage::{Stand, demo, scene_of},
+    gpu::{Rig, assert_validation_is_silent, device},
+    stage::{Stand, demo, editor_of, scene_of, shared_data},
 };
 use serde_json::json;
 
@@ -19,8 +19,7 @@ fn seen(scene: &Arc<Scene>, stand: Stand, eye_m: DVec3, settings: Settings) -> (
     let settings = Settings { count_rays: true, ..settings };
     let mut rig = Rig::new(scene, &[("left", stand.calibration())], settings);
     let report = rig.show(&[eye_m]).unwrap();
-    let bits = |layer| rig.layer(0, layer).values.iter().map(|v| v.to_bits()).collect();
-    (LAYERS.into_iter().map(bits).collect(), report.projectors[0].rays.unwrap().primary)
+    (bits(&rig, 0), report.projectors[0].rays.unwrap().primary)
 }
 
 /// Things that touch, cross and stand turned, before a wall that is there twice: which of two equally near ones is met must not
@@ -42,6 +41,22 @@ fn corner() -> Arc<Scene> {
     ]))
 }
 
+const ALONE: Walk = Walk { beams: Some(false), ..Walk::BY_DEVICE };
+const BEAMS: Walk = Walk { beams: Some(true), ..Walk::BY_DEVICE };
+
+/// The bits of every layer of a projector.
+fn bits(rig: &Rig, projector: usize) -> Vec<Vec<u32>> {
+    LAYERS.map(|layer| rig.layer(projector, layer).values.iter().map(|v| v.to_bits()).collect()).to_vec()
+}
+
+/// The bits of every layer of the demo's two projectors.
+fn demo_seen(size_px: UVec2, walk: Walk) -> [Vec<Vec<u32>>; 2] {
+    let (scene, projectors, eye_m) = demo(size_px);
+    let projectors: Vec<_> = projectors.iter().map(|(name, of)| (name.as_str(), of.clone())).collect();
+    let rig = Rig::shown(&scene, &projectors, Settings { walk, ..Settings::default() }, &[eye_m]);
+    [0, 1].map(|projector| bits(&rig, projector))
+}
+
 #[test]
 fn beams_find_what_single_rays_find() {
     let size_px = UVec2::new(173, 101);
@@ -54,18 +69,83 @@ fn beams_find_what_single_rays_find() {
     ];
     for stand in stands {
         for samples in [1, 4, 9] {
-            let of = |beams| Settings { samples, blend: false, beams: Some(beams), ..Settings::default() };
-            let (alone, rays) = seen(&corner(), stand, eye_m, of(false));
-            assert_eq!(rays, samples * size_px.x * size_px.y);
-            assert_eq!(seen(&corner(), stand, eye_m, of(true)), (alone, rays), "{samples} samples");
+            let of =
+                |walk| seen(&corner(), stand, eye_m, Settings { samples, blend: false, walk, ..Settings::default() });
+            let alone = of(ALONE);
+            assert_eq!(alone.1, samples * size_px.x * size_px.y);
+            assert!(of(BEAMS) == alone, "{samples} samples in beams differ from single ones");
         }
     }
-    let (scene, projectors, eye_m) = demo(size_px);
-    let shown = |beams| {
-        let projectors: Vec<_> = projectors.iter().map(|(name, of)| (name.as_str(), of.clone())).collect();
-        let rig = Rig::shown(&scene, &projectors, Settings { beams: Some(beams), ..Settings::default() }, &[eye_m]);
-        [0, 1].map(|projector| LAYERS.map(|layer| rig.layer(projector, layer).values))
+    assert!(demo_seen(size_px, ALONE) == demo_seen(size_px, BEAMS), "the demo differs in beams");
+    assert_validation_is_silent();
+}
+
+fn through(loads: Loads) -> Walk {
+    Walk { loads: Some(loads), ..Walk::BY_DEVICE }
+}
+
+#[test]
+fn storage_buffers_show_what_texel_buffers_show() {
+    let size_px = UVec2::new(97, 61);
+    let [texel, storage] = [Loads::Texel, Loads::Storage].map(|loads| demo_seen(size_px, through(loads)));
+    assert!(texel == storage, "the demo differs");
+
+    // Textures, a rasterised node and an environment of many colours.
+    let Some(data) = shared_data("a model with textures through storage buffers") else { return };
+    let edits = json!([
+        {"environment": {"uri": "lantern:studio"}},
+        {"add": {"node": "helmet", "uri": "models/FlightHelmet/FlightHelmet.gltf"}},
+        {"add": {"node": "ball", "uri": "lantern:sphere", "role": "raster", "scale": [0.1, 0.1, 0.1], "translation_m": [0.3, 0.3, 0.2]}},
+        {"light": {"name": "lamp", "kind": "point", "position_m": [0.5, 2, 1], "intensity": 9.0}},
+    ]);
+    let scene = editor_of(edits, vec![data]).current();
+    let stand = Stand::new(DVec3::new(-0.4, 0.7, 1.0), DVec3::new(0.0, 0.35, 0.0), size_px);
+    let of = |loads| {
+        seen(&scene, stand, DVec3::new(0.3, 0.6, 1.0), Settings { walk: through(loads), ..Settings::default() })
     };
-    assert!(shown(true) == shown(false), "the demo differs");
+    assert!(of(Loads::Texel) == of(Loads::Storage), "the helmet differs");
+    assert_validation_is_silent();
+}
+
+#[test]
+fn a_scene_that_outgrows_texel_buffers_goes_on_through_storage_buffers() {
+    let size_px = UVec2::new(97, 61);
+    let eye_m = DVec3::new(0.3, 1.2, 1.5);
+    let stand = Stand::new(DVec3::new(-1.1, 1.5, 1.5), DVec3::new(0.0, 0.2, 0.0), size_px);
+    let small = scene_of(json!([{"add": {"node": "floor", "uri": "lantern:checker", "scale": [0.2, 0.2, 0.2]}}]));
+
+    // Enough for the small scene, and far too few for what else stands in the corner.
+    let few = Walk { texel_elements: Some(4096), ..Walk::BY_DEVICE };
+    let rig = |walk| {
+        let settings = Settings { samples: 1, blend: false, walk, ..Settings::default() };
+        Rig::new(&small, &[("left", stand.calibration())], settings)
+    };
+    let (mut outgrown, mut roomy) = (rig(few), rig(Walk::BY_DEVICE));
+    let mut show = |scene: &Arc<Scene>| {
+        let [loads, other] = [&mut outgrown, &mut roomy].map(|rig| {
+            rig.renderer.set_scene(scene.clone());
+            while rig.renderer.is_uploading() {
+                rig.show(&[eye_m]);
+            }
+            (rig.renderer.loads(), bits(rig, 0))
+        });
+        assert!(loads.1 == other.1, "pictures differ");
+        [loads.0, other.0]
+    };
+    let suits = Loads::of_device(device().info());
+    assert_eq!(show(&small), [suits; 2]);
+    assert_eq!(show(&corner()), [Loads::Storage, suits]);
+    assert_eq!(show(&small), [suits; 2]);
+
+    // What no way holds is refused by name, and the scene before goes on.
+    let neither = Walk { loads: Some(Loads::Texel), ..few };
+    let mut rig = rig(neither);
+    rig.show(&[eye_m]);
+    let before = bits(&rig, 0);
+    let refused = rig.renderer.prepare(vec![corner()]).unwrap_err().to_string();
+    assert!(refused.starts_with("blas_nodes: ") && refused.contains("the device allows 4096"), "{refused}");
+    rig.renderer.make_stale(Stale::EVERYTHING);
+    rig.show(&[eye_m]);
+    assert!(bits(&rig, 0) == before);
     assert_validation_is_silent();
 }

@@ -180,7 +180,17 @@ fn fit(layout: &Layout, slot: &Binding, resource: Resource<'_>) -> Result<Held, 
             }
             matches!(buffer.kind(), BufferKind::Storage | BufferKind::HostStorage | BufferKind::Texel(_))
         }
-        (BindingKind::UniformTexelBuffer, Resource::Buffer(buffer)) => matches!(buffer.kind(), BufferKind::Texel(_)),
+        (BindingKind::UniformTexelBuffer, Resource::Buffer(buffer)) => match buffer.kind() {
+            BufferKind::Texel(format) if buffer.view == vk::BufferView::null() => {
+                return Err(GpuError::TooLarge {
+                    object: object.into(),
+                    asked: buffer.bytes() / format.bytes(),
+                    limit: limits.max_texel_buffer_elements,
+                    unit: "elements of a texel buffer",
+                });
+            }
+            kind => matches!(kind, BufferKind::Texel(_)),
+        },
         (BindingKind::StorageImage, Resource::Image(image)) => image.usage().contains(ImageUsage::STORAGE),
         (BindingKind::SampledImage, Resource::Image(image)) => image.usage().contains(ImageUsage::SAMPLED),
         (BindingKind::AccelerationStructure, Resource::Structure(_)) => true,

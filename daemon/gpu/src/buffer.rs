@@ -16,7 +16,7 @@ use crate::memory::Memory;
 pub enum BufferKind {
     /// Device memory, bound as a storage buffer.
     Storage,
-    /// Device memory, bound as a uniform texel buffer of this format; also as a storage buffer.
+    /// Device memory, bound as a uniform texel buffer of this format, or as a storage buffer: either, unless it is too long for one.
     Texel(TexelFormat),
     /// Memory that the host maps and writes, bound as a uniform buffer.
     Uniform,
@@ -43,8 +43,6 @@ pub enum TexelFormat {
     Rgba32Float,
     /// One 32-bit unsigned integer, 4 bytes.
     R32Uint,
-    /// Four bytes that a shader sees as 0 to 1.
-    Rgba8Unorm,
 }
 
 impl TexelFormat {
@@ -52,7 +50,7 @@ impl TexelFormat {
     pub fn bytes(self) -> u64 {
         match self {
             TexelFormat::Rgba32Uint | TexelFormat::Rgba32Float => 16,
-            TexelFormat::R32Uint | TexelFormat::Rgba8Unorm => 4,
+            TexelFormat::R32Uint => 4,
         }
     }
 
@@ -61,7 +59,6 @@ impl TexelFormat {
             TexelFormat::Rgba32Uint => vk::Format::R32G32B32A32_UINT,
             TexelFormat::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
             TexelFormat::R32Uint => vk::Format::R32_UINT,
-            TexelFormat::Rgba8Unorm => vk::Format::R8G8B8A8_UNORM,
         }
     }
 }
@@ -109,7 +106,10 @@ impl BufferKind {
                     let problem = format!("{bytes} bytes are no whole number of {}-byte texels", format.bytes());
                     return Err(GpuError::misuse(name, problem));
                 }
-                (bytes / format.bytes(), limits.max_texel_buffer_elements, "elements of a texel buffer")
+                let elements = bytes / format.bytes();
+                // It is of use where one of the two ways can take it whole.
+                let limit = limits.max_texel_buffer_elements.max(limits.max_storage_buffer_bytes / format.bytes());
+                (elements, limit, "elements of a texel buffer")
             }
             BufferKind::Uniform => (bytes, limits.max_uniform_buffer_bytes, "bytes of a uniform buffer"),
             BufferKind::Readback
@@ -132,7 +132,7 @@ impl BufferKind {
 /// A buffer on a device. Its contents are undetermined until something writes them.
 pub struct Buffer {
     pub(crate) raw: vk::Buffer,
-    /// The view of a texel buffer, else null.
+    /// The view of a texel buffer that is not too long for one, else null.
     pub(crate) view: vk::BufferView,
     pub(crate) device: Arc<DeviceHandle>,
     pub(crate) history: Mutex<History>,
@@ -191,7 +191,9 @@ impl Buffer {
             bytes,
         };
         buffer.bind_memory()?;
-        if let BufferKind::Texel(format) = kind {
+        if let BufferKind::Texel(format) = kind
+            && bytes / format.bytes() <= device.limits.max_texel_buffer_elements
+        {
             let info = vk::BufferViewCreateInfo::default().buffer(raw).format(format.raw()).range(bytes);
             // SAFETY: the buffer has this usage, the range is whole texels within it and within the device's limit,
             // and Vulkan 1.3 requires these formats for uniform texel buffers.

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::ops::Range;
 use std::sync::Arc;
 
-use lantern_gpu::{BufferKind, TexelFormat};
+use lantern_gpu::TexelFormat;
 use lantern_scene::pack::GpuEnvironment;
 use lantern_scene::{Image, Mesh, MeshPart, Scene};
 
@@ -12,19 +12,19 @@ use lantern_scene::{Image, Mesh, MeshPart, Scene};
 pub(crate) struct Column {
     /// What shaders call it.
     pub(crate) name: &'static str,
-    /// How it is bound.
-    pub(crate) kind: BufferKind,
+    /// Its texels.
+    pub(crate) format: TexelFormat,
     /// Bytes of an element, which is what shaders count by.
     pub(crate) element_bytes: u64,
     part: Option<MeshPart>,
 }
 
-const UINTS: BufferKind = BufferKind::Texel(TexelFormat::Rgba32Uint);
-const FLOATS: BufferKind = BufferKind::Texel(TexelFormat::Rgba32Float);
-const COLOURS: BufferKind = BufferKind::Texel(TexelFormat::Rgba8Unorm);
+const UINTS: TexelFormat = TexelFormat::Rgba32Uint;
+const FLOATS: TexelFormat = TexelFormat::Rgba32Float;
+const COLOURS: TexelFormat = TexelFormat::R32Uint;
 
-const fn of_mesh(name: &'static str, kind: BufferKind, part: MeshPart) -> Column {
-    Column { name, kind, element_bytes: part.texels() as u64 * 16, part: Some(part) }
+const fn of_mesh(name: &'static str, format: TexelFormat, part: MeshPart) -> Column {
+    Column { name, format, element_bytes: part.texels() as u64 * 16, part: Some(part) }
 }
 
 /// How many spaces there are.
@@ -45,8 +45,8 @@ pub(crate) const COLUMNS: [&[Column]; SPACES] = [
     &[of_mesh("blas_nodes", UINTS, MeshPart::Nodes)],
     &[of_mesh("triangles", FLOATS, MeshPart::Triangles), of_mesh("indices", UINTS, MeshPart::Indices)],
     &[of_mesh("vertices", UINTS, MeshPart::Vertices)],
-    &[Column { name: "texels", kind: COLOURS, element_bytes: 4, part: None }],
-    &[Column { name: "environment_texels", kind: FLOATS, element_bytes: 16, part: None }],
+    &[Column { name: "texels", format: COLOURS, element_bytes: 4, part: None }],
+    &[Column { name: "environment_texels", format: FLOATS, element_bytes: 16, part: None }],
 ];
 
 /// Something that is uploaded whole and never changes.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use lantern_gpu::{ComputePipeline, DepthTest, Device, GpuError, GraphicsDesc, GraphicsPipeline, ImageFormat};
 use lantern_scene::Scene;
 
+use crate::loads::Loads;
 use crate::settings::Settings;
 use crate::shaders;
 
@@ -25,16 +26,18 @@ const ONE_FOR_ALL: u32 = 5;
 /// Specialisation constant of `primary.comp`: samples of a pixel that one invocation traces.
 const SAMPLES_TOGETHER: u32 = 4;
 
-/// What of a scene the pipelines are made for. Branches are no way around work on a driver that runs both sides under a mask.
+/// What the pipelines are made for: what of a scene, and how it is read. Branches are no way around work on a driver that runs both sides under a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Features {
     textured: bool,
     transmissive: bool,
+    pub(crate) loads: Loads,
 }
 
 impl Features {
-    pub(crate) fn of(scene: &Scene) -> Self {
+    pub(crate) fn of(scene: &Scene, loads: Loads) -> Self {
         Self {
+            loads,
             textured: !scene.textures.headers.is_empty(),
             transmissive: scene.gpu_materials.iter().any(|m| m.transmission > 0.0),
         }
@@ -75,7 +78,7 @@ impl Pipelines {
         let textured = (TEXTURED, u32::from(features.textured));
         let transmissive = (TRANSMISSIVE, u32::from(features.transmissive));
         let compute = |shader, constants: &[(u32, u32)]| {
-            ComputePipeline::new(device, shaders::traced_by(shader, device.has_ray_queries()), constants)
+            ComputePipeline::new(device, features.loads.shader(shader, device.has_ray_queries()), constants)
         };
         let secondary = |one_for_all| {
             let own = [eye_at_projector, count, record, textured, transmissive, (ONE_FOR_ALL, one_for_all)];
@@ -86,8 +89,8 @@ impl Pipelines {
                 device,
                 &GraphicsDesc {
                     name,
-                    vertex,
-                    fragment,
+                    vertex: features.loads.shader(vertex, false),
+                    fragment: features.loads.shader(fragment, false),
                     constants,
                     colors: ATTACHMENTS,
                     depth: Some(ImageFormat::Depth32),
@@ -96,7 +99,7 @@ impl Pipelines {
             )
         };
         let composite = |name, test| graphics(name, &shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG, test, &[]);
-        let samples_together = samples_together(device, settings.beams);
+        let samples_together = samples_together(device, settings.walk.beams);
         Ok(Self {
             tiles: compute(&shaders::TILES_COMP, &[])?,
             samples_together,

@@ -11,6 +11,7 @@ use lantern_gpu::{Buffer, BufferKind, Commands, Device, GpuError, Recorder, Subm
 use lantern_scene::{Role, Scene, changes, moved};
 
 use crate::catalogue::Catalogue;
+use crate::loads::Loads;
 use crate::moved::{MovedBoxes, MovedTable};
 use crate::pattern::Pattern;
 use crate::pipelines::{Features, Pipelines};
@@ -99,6 +100,8 @@ pub struct Renderer {
     pipelines: BTreeMap<Features, Arc<Pipelines>>,
     settings: Settings,
     scene_buffers: SceneBuffers,
+    /// How shaders read them.
+    loads: Loads,
     /// What is shown.
     scene: Arc<Scene>,
     /// Where things have moved that were not yet shown so.
@@ -143,7 +146,8 @@ impl Renderer {
             device: device.clone(),
             pipelines: BTreeMap::new(),
             settings,
-            scene_buffers: SceneBuffers::new(device)?,
+            scene_buffers: SceneBuffers::new(device, settings.walk)?,
+            loads: Loads::of_device(device.info()),
             scene,
             moved: MovedBoxes::default(),
             pending: None,
@@ -161,6 +165,11 @@ impl Renderer {
     /// The device.
     pub fn device(&self) -> &Arc<Device> {
         &self.device
+    }
+
+    /// How shaders read the scene that is shown.
+    pub fn loads(&self) -> Loads {
+        self.loads
     }
 
     /// How it renders.
@@ -290,7 +299,7 @@ impl Renderer {
     /// Shows another revision, all of which is on the device.
     fn switch_to(&mut self, scene: Arc<Scene>) {
         let mut stale = stale_by(&changes(&self.scene, &scene));
-        if Features::of(&self.scene) != Features::of(&scene) {
+        if Features::of(&self.scene, self.loads) != Features::of(&scene, self.loads) {
             self.rebind = true;
             stale |= Change::Pipelines.makes_stale();
         }
@@ -498,7 +507,11 @@ impl Renderer {
             recorder.upload(&self.frusta, 0, bytemuck::cast_slice(&frusta))?;
             sections = Some(self.device.submit(recorder.finish()?, &[])?);
             self.frusta_written = true;
-        } else if !self.rebind {
+        }
+        // What shaders read lies in other buffers only where these are bound anew, and looks the same either way.
+        if self.rebind {
+            self.loads = self.scene_buffers.loads()?;
+        } else if sections.is_none() {
             return Ok(None);
         }
         let (catalogue, pipelines) = (self.catalogue(), self.pipelines()?);
@@ -512,7 +525,7 @@ impl Renderer {
 
     /// The pipelines for the scene as it is; made when such a scene is first shown.
     fn pipelines(&mut self) -> Result<Arc<Pipelines>, GpuError> {
-        let features = Features::of(&self.scene);
+        let features = Features::of(&self.scene, self.loads);
         if let Some(made) = self.pipelines.get(&features) {
             return Ok(made.clone());
         }

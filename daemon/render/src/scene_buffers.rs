@@ -10,6 +10,8 @@ use lantern_scene::{GpuTextures, Mesh, Scene};
 
 use crate::block::{Block, ENVIRONMENTS, IMAGES, NODES, TRIANGLES, VERTICES};
 use crate::catalogue::Catalogue;
+use crate::loads::{Loads, Ways};
+use crate::settings::Walk;
 use crate::store::{Advanced, SMALLEST, Store};
 use crate::structures::Structures;
 
@@ -66,6 +68,7 @@ fn same(old: &[Arc<Mesh>], new: &[Arc<Mesh>]) -> bool {
 /// The scene's buffers, shared by the projectors of a device.
 pub(crate) struct SceneBuffers {
     device: Arc<Device>,
+    ways: Ways,
     store: Store,
     resident: Resident,
     slots: [Slot; 6],
@@ -81,13 +84,15 @@ const LIGHTS: usize = 4;
 const TEXTURES: usize = 5;
 
 impl SceneBuffers {
-    pub(crate) fn new(device: &Arc<Device>) -> Result<Self, GpuError> {
+    pub(crate) fn new(device: &Arc<Device>, walk: Walk) -> Result<Self, GpuError> {
+        let ways = Ways::of(device, walk.loads, walk.texel_elements);
         let uints = BufferKind::Texel(TexelFormat::Rgba32Uint);
         let words = BufferKind::Texel(TexelFormat::R32Uint);
         let slot = |name, kind| Slot::new(device, name, kind);
         Ok(Self {
             device: device.clone(),
-            store: Store::new(device)?,
+            store: Store::new(device, ways.clone())?,
+            ways,
             resident: Resident::default(),
             structures: device.has_ray_queries().then(Structures::default),
             slots: [
@@ -104,7 +109,7 @@ impl SceneBuffers {
     /// Makes the blocks of these scenes the ones that are to be held.
     ///
     /// # Errors
-    /// A buffer that the device cannot make; then nothing has changed.
+    /// A buffer that the device cannot make, or cannot read together with the others; then nothing has changed.
     pub(crate) fn want<'a>(&mut self, scenes: impl Iterator<Item = &'a Arc<Scene>>) -> Result<(), GpuError> {
         self.store.want(scenes.flat_map(|scene| Block::all_of(scene)))
     }
@@ -153,7 +158,7 @@ impl SceneBuffers {
 
     /// Uploads the small sections that differ, of a scene whose blocks are there. True when a buffer was replaced.
     pub(crate) fn update(&mut self, recorder: &mut Recorder, scene: &Scene) -> Result<bool, GpuError> {
-        let Self { device, store, resident, slots, structures } = self;
+        let Self { device, store, resident, slots, structures, .. } = self;
         let mut rebound = false;
         if let Some(structures) = structures {
             rebound |= structures.update(recorder, scene)?;
@@ -180,6 +185,15 @@ impl SceneBuffers {
     pub(crate) fn forget(&mut self) {
         self.resident = Resident::default();
         self.structures = self.structures.take().map(|_| Structures::default());
+    }
+
+    /// How shaders read the buffers that there are now.
+    ///
+    /// # Errors
+    /// A buffer that is too long for that.
+    pub(crate) fn loads(&self) -> Result<Loads, GpuError> {
+        let small = self.slots.iter().map(|slot| &slot.buffer);
+        self.ways.through(small.chain(self.store.buffers().map(|(_, buffer)| buffer)))
     }
 
     /// Adds the scene's buffers.

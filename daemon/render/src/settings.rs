@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use lantern_calibration::Calibration;
 
+use crate::loads::Loads;
+
 /// A projector as the configuration has it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProjectorSpec {
@@ -44,9 +46,25 @@ pub struct Settings {
     pub always_full: bool,
     /// The naive method: reflect each projector's own ray. For the test that shows it to be wrong.
     pub eye_at_projector: bool,
-    /// Whether a pixel's samples are traced as beams of four; `None`: as suits the device. The picture is the same to the bit, so this
-    /// is for the tests that show it and for measurements.
+    /// How rays are walked.
+    pub walk: Walk,
+}
+
+/// How rays are walked, and what they read the scene through. The picture is the same to the bit, so this is for the tests that show it
+/// and for measurements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Walk {
+    /// Whether a pixel's samples are traced as beams of four; `None`: as suits the device.
     pub beams: Option<bool>,
+    /// How shaders read the scene, and no other way, with which ray queries do not go; `None`: as suits device and scene.
+    pub loads: Option<Loads>,
+    /// Texel buffers are taken to hold no more elements than this, where the device says more.
+    pub texel_elements: Option<u64>,
+}
+
+impl Walk {
+    /// As suits the device.
+    pub const BY_DEVICE: Self = Self { beams: None, loads: None, texel_elements: None };
 }
 
 impl Default for Settings {
@@ -61,7 +79,7 @@ impl Default for Settings {
             record_rays: false,
             always_full: false,
             eye_at_projector: false,
-            beams: None,
+            walk: Walk::BY_DEVICE,
         }
     }
 }

@@ -11,6 +11,7 @@ use lantern_gpu::{Buffer, BufferKind, CopyRegion, Device, GpuError, Recorder, Su
 
 use crate::arena::Arena;
 use crate::block::{Block, COLUMNS, Column, Key, SPACES};
+use crate::loads::Ways;
 use crate::settings::HUNG_AFTER;
 
 /// Bytes of the smallest buffer: of an empty one there is nothing to bind.
@@ -31,7 +32,7 @@ impl Space {
     fn new(device: &Arc<Device>, columns: &[Column], elements: u64) -> Result<Self, GpuError> {
         let buffer = |c: &Column| {
             let smallest = SMALLEST.div_ceil(c.element_bytes) * c.element_bytes;
-            Buffer::new(device, c.name, c.kind, (elements * c.element_bytes).max(smallest))
+            Buffer::new(device, c.name, BufferKind::Texel(c.format), (elements * c.element_bytes).max(smallest))
         };
         Ok(Self { buffers: columns.iter().map(buffer).collect::<Result<_, _>>()?, arena: Arena::new(elements) })
     }
@@ -79,6 +80,8 @@ struct State {
 /// See the module.
 pub(crate) struct Store {
     device: Arc<Device>,
+    /// What the buffers can be read through.
+    ways: Ways,
     state: State,
     flying: VecDeque<Submission>,
 }
@@ -93,14 +96,10 @@ pub(crate) struct Advanced {
 }
 
 /// Elements of a buffer that shall hold `needed`: an eighth more, so that many small additions move everything but rarely.
-fn roomy(device: &Device, columns: &[Column], needed: u64) -> u64 {
-    let limits = device.limits();
+fn roomy(device: &Device, ways: &Ways, columns: &[Column], needed: u64) -> u64 {
     let most = |c: &Column| {
-        let texels = match c.kind {
-            BufferKind::Texel(format) => limits.max_texel_buffer_elements * format.bytes(),
-            _ => limits.max_storage_buffer_bytes,
-        };
-        texels.min(limits.max_buffer_bytes) / c.element_bytes
+        let room = ways.room(c.format, needed * c.element_bytes);
+        room.min(device.limits().max_buffer_bytes) / c.element_bytes
     };
     let limit = columns.iter().map(most).min().unwrap_or(needed);
     // What passes the limit itself is refused by name when the buffer is made.
@@ -109,16 +108,16 @@ fn roomy(device: &Device, columns: &[Column], needed: u64) -> u64 {
 
 impl Store {
     /// Empty.
-    pub(crate) fn new(device: &Arc<Device>) -> Result<Self, GpuError> {
+    pub(crate) fn new(device: &Arc<Device>, ways: Ways) -> Result<Self, GpuError> {
         let spaces = COLUMNS.iter().map(|columns| Space::new(device, columns, 0)).collect::<Result<_, _>>()?;
         let state = State { spaces, next: vec![None; SPACES], held: HashMap::new(), jobs: VecDeque::new() };
-        Ok(Self { device: device.clone(), state, flying: VecDeque::new() })
+        Ok(Self { device: device.clone(), ways, state, flying: VecDeque::new() })
     }
 
     /// Makes these the blocks that are to be held: lets go of all others, and queues what is not there yet.
     ///
     /// # Errors
-    /// A buffer that the device cannot make; then nothing has changed.
+    /// A buffer that the device cannot make, or cannot read together with the others; then nothing has changed.
     pub(crate) fn want(&mut self, wanted: impl Iterator<Item = Block>) -> Result<(), GpuError> {
         // Each once, in the scene's order, so that the same edits always lead to the same layout.
         let mut seen = HashSet::new();
@@ -133,8 +132,10 @@ impl Store {
             state.held.entry(block.key()).or_insert_with(new);
         }
         for space in 0..SPACES {
-            state.fit(&self.device, space, &wanted)?;
+            state.fit(&self.device, &self.ways, space, &wanted)?;
         }
+        let next = state.spaces.iter().zip(&state.next).map(|(now, next)| next.as_ref().unwrap_or(now));
+        self.ways.through(next.flat_map(|space| &space.buffers))?;
         self.state = state;
         Ok(())
     }
@@ -262,10 +263,10 @@ impl State {
     }
 
     /// Finds places in a space for all of `wanted`, all of which are held.
-    fn fit(&mut self, device: &Arc<Device>, space: usize, wanted: &[Block]) -> Result<(), GpuError> {
+    fn fit(&mut self, device: &Arc<Device>, ways: &Ways, space: usize, wanted: &[Block]) -> Result<(), GpuError> {
         let columns = COLUMNS[space];
         let needed: u64 = wanted.iter().map(|block| block.elements(space)).sum();
-        let enough = roomy(device, columns, needed);
+        let enough = roomy(device, ways, columns, needed);
 
         // A move that has begun goes on where what is new fits in as well.
         if let Some(next) = &mut self.next[space] {

@@ -2,6 +2,7 @@
 
 use comfy_table::{ContentArrangement, Table, presets};
 use lantern_gpu::DeviceInfo;
+use lantern_render::Loads;
 use serde_json::{Value, json};
 
 use crate::service::vulkan::open_vulkan;
@@ -49,7 +50,8 @@ fn to_json(device: &DeviceInfo) -> Value {
         "usable": device.lacks.is_empty(), "lacks": device.lacks, "queue_families": families, "displays": displays,
         "projector_family": device.projector_family, "upload_family": device.upload_family,
         "abilities": device.abilities, "max_storage_buffer_bytes": device.max_storage_buffer_bytes,
-        "max_texel_buffer_elements": device.max_texel_buffer_elements, "subgroup_size": device.subgroup_size,
+        "max_texel_buffer_elements": device.max_texel_buffer_elements, "scene_through": Loads::of_device(device).name(),
+        "subgroup_size": device.subgroup_size,
         "memory_heaps": heaps,
     })
 }
@@ -83,6 +85,8 @@ fn to_text(device: &DeviceInfo) -> String {
     }
     row("storage buffers", format!("{} MiB each at most", device.max_storage_buffer_bytes >> 20));
     row("texel buffers", format!("{} elements each at most", device.max_texel_buffer_elements));
+    let loads = Loads::of_device(device);
+    row("scene through", format!("{}, unless it is too large for them: {}", loads.name(), loads.why()));
     row("subgroup", device.subgroup_size.to_string());
     let (has, lacks): (Vec<_>, Vec<_>) = device.abilities.iter().partition(|(_, there)| **there);
     let names = |list: &[(&&str, &bool)]| list.iter().map(|(name, _)| **name).collect::<Vec<_>>().join(", ");

@@ -32,7 +32,7 @@ fn texel_and_uniform_buffers_reach_the_shader() {
     const TABLE: &[Binding] = &[
         row(0, "words", BindingKind::UniformTexelBuffer, true, false),
         row(1, "floats", BindingKind::UniformTexelBuffer, true, false),
-        row(2, "colors", BindingKind::UniformTexelBuffer, true, false),
+        row(2, "numbers", BindingKind::UniformTexelBuffer, true, false),
         row(3, "Params", BindingKind::UniformBuffer, true, false),
         row(4, "Target", BindingKind::StorageBuffer, false, true),
     ];
@@ -44,10 +44,10 @@ fn texel_and_uniform_buffers_reach_the_shader() {
         };
         let words: Vec<[u32; 4]> = (0..100).map(|i| [i, i + 1, 1, 2]).collect();
         let floats: Vec<[f32; 4]> = (0..100).map(|i| [0.0, (i % 7) as f32, 0.0, 0.0]).collect();
-        let colors: Vec<[u8; 4]> = (0..100).map(|i| [0, 0, i + 50, 0]).collect();
+        let numbers: Vec<u32> = (0..100).map(|i| i + 50).collect();
         let words_buffer = texels("words", TexelFormat::Rgba32Uint, bytemuck::cast_slice(&words));
         let floats_buffer = texels("floats", TexelFormat::Rgba32Float, bytemuck::cast_slice(&floats));
-        let colors_buffer = texels("colors", TexelFormat::Rgba8Unorm, bytemuck::cast_slice(&colors));
+        let numbers_buffer = texels("numbers", TexelFormat::R32Uint, bytemuck::cast_slice(&numbers));
         let params = Buffer::new(device, "params", BufferKind::Uniform, 16).unwrap();
         params.write(0, bytemuck::cast_slice(&[9u32, 9, 9, 9])).unwrap();
         let output = storage(device, "output", &[0; 100]);
@@ -56,7 +56,7 @@ fn texel_and_uniform_buffers_reach_the_shader() {
         let resources = [
             ("words", Resource::Buffer(&words_buffer)),
             ("floats", Resource::Buffer(&floats_buffer)),
-            ("colors", Resource::Buffer(&colors_buffer)),
+            ("numbers", Resource::Buffer(&numbers_buffer)),
             ("Params", Resource::Buffer(&params)),
             ("Target", Resource::Buffer(&output)),
         ];

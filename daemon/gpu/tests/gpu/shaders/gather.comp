@@ -3,7 +3,7 @@
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) uniform usamplerBuffer words;
 layout(set = 0, binding = 1) uniform samplerBuffer floats;
-layout(set = 0, binding = 2) uniform samplerBuffer colors;
+layout(set = 0, binding = 2) uniform usamplerBuffer numbers;
 layout(set = 0, binding = 3) uniform Params { uvec4 weights; } params;
 layout(set = 0, binding = 4, std430) writeonly buffer Target { uint target[]; };
 void main() {
@@ -11,6 +11,6 @@ void main() {
     if (i >= textureSize(words)) return;
     uvec4 w = texelFetch(words, i) * params.weights;
     uint f = uint(texelFetch(floats, i).y);
-    uint c = uint(round(texelFetch(colors, i).z * 255.0));
-    target[i] = w.x + w.y + w.z + w.w + f * 1000u + c * 1000000u;
+    uint n = texelFetch(numbers, i).x;
+    target[i] = w.x + w.y + w.z + w.w + f * 1000u + n * 1000000u;
 }
