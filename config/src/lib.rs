@@ -10,6 +10,7 @@
 mod load;
 mod places;
 mod problem;
+mod protocol;
 mod read;
 mod reader;
 mod scene;
@@ -17,10 +18,11 @@ mod types;
 
 pub use places::Places;
 pub use problem::Problem;
+pub use protocol::{Axes, Dtrack, Natnet, NatnetVersion, Opentrack, Osc, OscArgument, OscPattern, Protocol};
 pub use scene::{Environment, LightKind, Role, Scene, SceneLight, SceneMaterial, SceneNode};
 pub use types::{
-    Body, Calibration, Config, Convention, Daemon, Device, Drives, Limits, Matrix4, Output, Projector, Protocol,
-    RasterOrder, RayTracing, Render, Tracker,
+    Body, Calibration, Config, Convention, Daemon, Device, Drives, Limits, Matrix4, Output, Projector, RasterOrder,
+    RayTracing, Render, Tracker,
 };
 
 /// The demo's configuration, commented; also the place to start a configuration of one's own from.

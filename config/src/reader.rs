@@ -245,6 +245,15 @@ impl<'a> Value<'a> {
         }
     }
 
+    /// A string or, where people write a bare number, its digits.
+    pub(crate) fn string_or_number(&self) -> Option<String> {
+        match self.value {
+            DeValue::Integer(number) => Some(number.to_string()),
+            DeValue::Float(number) => Some(number.to_string()),
+            _ => self.string(),
+        }
+    }
+
     /// A name: not empty, no control characters, at most 200 bytes.
     pub(crate) fn name(&self) -> Option<String> {
         let name = self.string()?;

@@ -4,6 +4,7 @@
 //! +Y up. Paths are absolute or relative to the working folder: those of the file have been joined to its folder.
 
 use crate::places::Places;
+use crate::protocol::Protocol;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
@@ -135,33 +136,19 @@ pub struct Tracker {
     pub name: String,
     /// What it speaks.
     pub protocol: Protocol,
-    /// Where it is listened to.
+    /// Where it is listened to: an address of this machine, or a multicast group.
     pub listen: SocketAddr,
+    /// The network interface on which a multicast group is joined, by name or by address; groups have one.
+    pub interface: Option<String>,
     /// Source addresses that are listened to.
     pub allow: Vec<IpAddr>,
-    /// The tracker's id of a body → the body's name.
-    pub bodies: BTreeMap<u16, String>,
+    /// The tracker's id of a body, a number without leading zeros or a name → the body's name.
+    pub bodies: BTreeMap<String, String>,
     /// A rotation, a translation and a uniform scale.
     pub world_from_tracker: Matrix4,
     /// `None`: its poses are taken as they are. Else they are predicted to when the light of a frame leaves the projector, and
     /// this is how old they are at least when they are heard, ms, 0 to 150.
     pub predict_lead_ms: Option<f64>,
-}
-
-/// Tracker protocols that are built.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Protocol {
-    /// The contract's own 64-byte packets.
-    Lantern,
-}
-
-impl Protocol {
-    /// The name in the configuration and in `status`.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Lantern => "lantern",
-        }
-    }
 }
 
 /// One projector.

@@ -216,6 +216,132 @@ fn addresses_must_parse() {
     one("[[projector]]", second, "another tracker listens");
 }
 
+/// The one problem of a tracker of these keys, beside what each has.
+#[track_caller]
+fn tracker(keys: &str, says: &str) -> Problem {
+    one("protocol = \"lantern\"\nlisten = \"127.0.0.1:7000\"\nbodies = { \"1\" = \"head\" }", keys, says)
+}
+
+#[test]
+fn protocols_say_what_they_want() {
+    let with = |protocol: &str, bodies: &str, more: &str| {
+        format!("protocol = \"{protocol}\"\nlisten = \"127.0.0.1:7000\"\nbodies = {bodies}\n{more}")
+    };
+    let (head, osc) = ("{ \"1\" = \"head\" }", |more: &str| with("osc", "{ \"1\" = \"head\" }", more));
+    one("protocol = \"lantern\"", "protocol = \"vrpn\"", "there are \"lantern\", \"osc\"");
+
+    // Keys of another protocol.
+    one("listen =", "preset = \"vmc\"\nlisten =", "`tracker.preset` belongs to protocol \"osc\"");
+    tracker(&osc("preset = \"vmc\"\nversion = \"4.1\""), "`tracker.version` belongs to protocol \"natnet\"");
+    tracker(&with("freed", head, "up = \"z\""), "belongs to protocol \"dtrack\"");
+    tracker(&with("natnet", head, "signs = [1, 1, 1, 1, 1, 1]"), "belongs to protocol \"opentrack\"");
+
+    // OSC.
+    tracker(&osc(""), "neither `preset` nor `address`");
+    tracker(&osc("preset = \"vmcc\""), "did you mean \"vmc\"?");
+    tracker(&osc("preset = \"vmc\"\naddress = \"/a\""), "twice");
+    tracker(&osc("address = \"/a\""), "no `arguments`");
+    for address in ["a", "/", "/a//b", "/a?", "/a{id}", "/{id}/{id}", "/#bundle"] {
+        tracker(&osc(&format!("address = \"{address}\"\narguments = [\"x\", \"y\", \"z\"]")), "no address");
+    }
+    let arguments = |words: &str| osc(&format!("address = \"/{{id}}\"\narguments = [{words}]"));
+    tracker(&arguments("\"x\", \"y\", \"w\""), "there are \"id\", \"x\"");
+    for words in
+        ["", "\"x\"", "\"_\"", "\"x\", \"y\", \"z\", \"x\"", "\"qx\", \"qy\", \"qz\"", "\"x\", \"y\", \"z\", \"rx\""]
+    {
+        tracker(&arguments(words), "describes no pose");
+    }
+    let turned_twice = "\"qx\", \"qy\", \"qz\", \"qw\", \"rx\", \"ry\", \"rz\"";
+    tracker(&arguments(turned_twice), "describes no pose");
+    tracker(&arguments("\"id\", \"x\", \"y\", \"z\""), "two places");
+    let pattern = "address = \"/{id}\"\narguments = [\"x\", \"y\", \"z\"]\n";
+    tracker(&osc(&format!("{pattern}axes = \"x-up\"")), "\"y-up\", \"y-up-left\"");
+    tracker(&osc(&format!("{pattern}units = \"km\"")), "\"m\", \"cm\"");
+
+    // The others.
+    for version in ["\"2.9\"", "5", "4", "\"four\"", "\"3.2\""] {
+        tracker(&with("natnet", head, &format!("version = {version}")), "no known version");
+    }
+    for server in ["motive", "0.0.0.0", "239.255.42.99", "10.0.0.1:0"] {
+        tracker(&with("natnet", head, &format!("server = \"{server}\"")), "no server's address");
+    }
+    let refused = with("natnet", head, "server = \"10.0.0.1\"\nallow = [\"10.0.0.2\"]");
+    tracker(&refused, "`allow` does not have 10.0.0.1");
+    tracker(&with("opentrack", head, "signs = [1, 1, 1, 1, 1]"), "5 entries instead of 6");
+    tracker(&with("opentrack", head, "signs = [1, 1, 1, 1, 1, 2]"), "1 or -1");
+    tracker(&with("dtrack", head, "up = \"x\""), "\"y\", \"z\"");
+}
+
+#[test]
+fn ids_are_those_of_the_protocol() {
+    let with = |protocol: &str, id: &str| {
+        format!("protocol = \"{protocol}\"\nlisten = \"127.0.0.1:7000\"\nbodies = {{ \"{id}\" = \"head\" }}")
+    };
+    for (protocol, id) in [
+        ("lantern", "65536"),
+        ("lantern", "head"),
+        ("freed", "256"),
+        ("natnet", "head"),
+        ("natnet", "-1"),
+        ("dtrack", "head"),
+        ("dtrack", "flystick x"),
+        ("osc\"\npreset = \"vrchat", "9"),
+        ("osc\"\npreset = \"vrchat", "hip"),
+        ("osc\"\npreset = \"optitrack", "hip"),
+    ] {
+        tracker(&with(protocol, id), "no id of a body");
+    }
+    for (protocol, id) in [
+        ("freed", "255"),
+        ("natnet", "1"),
+        ("psn", "3"),
+        ("psn", "Tracker 1"),
+        ("dtrack", "0"),
+        ("dtrack", "flystick 1"),
+        ("opentrack", "face"),
+        ("osc\"\npreset = \"vmc", "LHR-01234567"),
+        ("osc\"\npreset = \"vrchat", "head"),
+        ("osc\"\npreset = \"optitrack", "12"),
+        ("osc\"\naddress = \"/*/pose\"\narguments = [\"x\", \"y\", \"z\"]\naxes = \"z-up", "/head/pose"),
+    ] {
+        let keys = with(protocol, id);
+        let text = GOOD.replacen(
+            "protocol = \"lantern\"\nlisten = \"127.0.0.1:7000\"\nbodies = { \"1\" = \"head\" }",
+            &keys,
+            1,
+        );
+        let config =
+            Config::parse(&text, "lab.toml", Path::new("/base")).unwrap_or_else(|problems| panic!("{problems:?}"));
+        assert_eq!(config.trackers[0].bodies.keys().collect::<Vec<_>>(), [id]);
+    }
+    // The same number written twice, and two bodies where there is one.
+    let two = |protocol: &str| {
+        format!(
+            "protocol = \"{protocol}\"\nlisten = \"127.0.0.1:7000\"\nbodies = {{ \"1\" = \"head\", \"01\" = \"head\" }}"
+        )
+    };
+    tracker(&two("lantern"), "there twice");
+    let two = two("opentrack").replace("\"01\"", "\"2\"");
+    tracker(&two, "mean one body");
+}
+
+#[test]
+fn groups_have_an_interface_and_addresses_have_none() {
+    one("127.0.0.1:7000", "239.255.42.99:1511", "no `interface` says where");
+    one("127.0.0.1:7000", "[ff02::1]:1511", "no `interface` says where");
+    one("listen =", "interface = \"lo\"\nlisten =", "which 127.0.0.1 is not");
+    one("listen = \"127.0.0.1:7000\"", "interface = \"lo\"\nlisten = \"239.255.42.99:0\"", "not 0");
+    // Whoever listens everywhere listens there too.
+    for (first, second) in [("127.0.0.1", "0.0.0.0"), ("0.0.0.0", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")] {
+        let second = format!(
+            "[[tracker]]\nname = \"u\"\nprotocol = \"lantern\"\nlisten = \"{second}:7000\"\nbodies = {{}}\n[[projector]]"
+        );
+        let text = GOOD.replacen("127.0.0.1", first, 1).replacen("[[projector]]", &second, 1);
+        let found = problems(&text);
+        assert!(found.len() == 1 && found[0].message.contains("another tracker listens at"), "{found:#?}");
+    }
+}
+
 #[test]
 fn predictions_have_a_bound() {
     one("listen =", "predict_ms = -1\nlisten =", "from 0 to 150");
@@ -230,12 +356,6 @@ fn predictions_have_a_bound() {
 
 #[test]
 fn what_is_not_built_is_refused_in_words() {
-    for protocol in ["osc", "natnet", "freed", "psn", "opentrack", "dtrack"] {
-        let line = format!("protocol = \"{protocol}\"\npreset = \"vmc\"\nversion = 4\nup = \"z\"");
-        one("protocol = \"lantern\"", &line, "not built yet");
-    }
-    one("protocol = \"lantern\"", "protocol = \"vrpn\"", "there is no protocol");
-    one("listen =", "preset = \"vmc\"\nlisten =", "belongs to protocol \"osc\"");
     one("\"viewer\"", "\"projector:left\"", "not built yet");
     one("resolution_px", "output = { kind = \"window\" }\nresolution_px", "not built yet");
     one("resolution_px", "output = { kind = \"display\", connector = \"DP-1\" }\nresolution_px", "not built yet");

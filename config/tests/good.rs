@@ -80,7 +80,7 @@ fn the_contracts_example() {
     assert_eq!(config.viewer().unwrap().position_m, [0.0, 1.7, 2.5]);
     let tracker = &config.trackers[0];
     assert_eq!((tracker.name.as_str(), tracker.listen.to_string().as_str()), ("optitrack", "127.0.0.1:7000"));
-    assert_eq!(tracker.bodies.iter().collect::<Vec<_>>(), [(&1, &"head".to_owned())]);
+    assert_eq!(tracker.bodies.iter().collect::<Vec<_>>(), [(&"1".to_owned(), &"head".to_owned())]);
     assert_eq!(tracker.predict_lead_ms, None);
     let projector = &config.projectors[0];
     assert_eq!(projector.resolution_px, [1280, 800]);

@@ -86,6 +86,43 @@ pub struct TrackerStatus {
     /// Where it listens.
     #[serde(default)]
     pub listen: String,
+    /// Packets that came to this machine and were thrown away by the system, because the daemon had not taken them in
+    /// time; absent where the system does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kernel_dropped: Option<u64>,
+    /// Frames of several packets of which one did not come; none of such a frame moves anything.
+    #[serde(default)]
+    pub incomplete: u64,
+    /// What the tracker says of each body of ours, by its own id.
+    #[serde(default)]
+    pub bodies: BTreeMap<String, TrackedStatus>,
+    /// What it says besides.
+    #[serde(default)]
+    pub others: OthersStatus,
+}
+
+/// A body as a tracker sees it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TrackedStatus {
+    /// Our name of it.
+    pub body: String,
+    /// Whether the tracker saw it when it last spoke of it, or of all that it sees. A body that is lost keeps its pose.
+    pub tracked: bool,
+    /// Since its last pose; absent before the first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub age_ms: Option<f64>,
+}
+
+/// What a tracker says that is good and of no use.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OthersStatus {
+    /// Packets about something else than bodies; neither accepted nor rejected.
+    pub packets: u64,
+    /// What the last one was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub last: Option<String>,
+    /// The tracker's ids of bodies that `bodies` does not have, the first few of them.
+    pub bodies: Vec<String>,
 }
 
 /// A projector's state.

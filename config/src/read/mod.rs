@@ -4,6 +4,7 @@
 
 pub(crate) mod daemon;
 pub(crate) mod projector;
+mod protocol;
 pub(crate) mod scene;
 pub(crate) mod tracking;
 

@@ -1,17 +1,12 @@
 //! `[[body]]` and `[[tracker]]`.
 
+use super::protocol::{body_id, has_one_body, protocol};
 use super::{known_name, unique_name};
+use crate::protocol::{Natnet, Protocol};
 use crate::reader::{Table, Value};
-use crate::types::{Body, Drives, Matrix4, Protocol, Tracker};
+use crate::types::{Body, Drives, Matrix4, Tracker};
 use std::collections::{BTreeMap, HashSet};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
-
-/// Names of the contract's protocols that are for later.
-const PROTOCOLS_TO_COME: [&str; 6] = ["osc", "natnet", "freed", "psn", "opentrack", "dtrack"];
-
-/// Keys of a tracker that belong to one of those.
-const KEYS_TO_COME: [(&str, &str); 5] =
-    [("preset", "osc"), ("address", "osc"), ("arguments", "osc"), ("version", "natnet"), ("up", "dtrack")];
 
 /// The farthest that anything is believed to be, along each axis, m: what poses are held to while the daemon runs.
 const MAX_DISTANCE_M: f64 = 1e8;
@@ -87,14 +82,20 @@ fn tracker(
     known_bodies: &HashSet<String>,
 ) -> Option<Tracker> {
     let name = unique_name(&table, "tracker", taken, "\"optitrack\"");
-    let protocol_value = table.required("protocol", "\"lantern\"");
-    let protocol = protocol_value.as_ref().and_then(protocol);
-    let listen = table.required("listen", "\"127.0.0.1:7000\"").and_then(|value| listen(&value, listening));
-    let allow = match table.get("allow") {
-        None => Some(vec![IpAddr::V4(Ipv4Addr::LOCALHOST), IpAddr::V6(Ipv6Addr::LOCALHOST)]),
-        Some(value) => allow(&value),
+    let protocol = protocol(&table);
+    let listen_value = table.required("listen", "\"127.0.0.1:7000\"");
+    let listen = listen_value.as_ref().and_then(|value| listen(value, listening));
+    let interface = match (table.get("interface"), listen_value, listen) {
+        (interface, Some(value), Some(listen)) => interface_of(interface.as_ref(), &value, listen),
+        _ => None,
     };
-    let bodies = table.required("bodies", "{ \"1\" = \"head\" }").and_then(|value| bodies_by_id(&value, known_bodies));
+    let allow = match table.get("allow") {
+        None => Some(default_allow(protocol.as_ref())),
+        Some(value) => allow(&value).filter(|allow| allows_server(&value, allow, protocol.as_ref())),
+    };
+    let bodies = table
+        .required("bodies", "{ \"1\" = \"head\" }")
+        .and_then(|value| bodies_by_id(&value, protocol.as_ref(), known_bodies));
     let world_from_tracker = match table.get("world_from_tracker") {
         None => Some(IDENTITY),
         Some(value) => similarity(&value),
@@ -104,18 +105,12 @@ fn tracker(
         Some(value) => predict(&value),
     };
 
-    // Keys of other protocols are known, and wrong beside this one; beside a protocol to come that one line says it all.
-    for (key, owner) in KEYS_TO_COME {
-        if let (Some(value), Some(Protocol::Lantern)) = (table.get(key), protocol) {
-            let hint = "remove it: protocol \"lantern\" has no settings of its own";
-            value.problem(format!("`{key}` belongs to protocol \"{owner}\", which is not built yet"), hint);
-        }
-    }
     table.finish();
     Some(Tracker {
         name: name?,
         protocol: protocol?,
         listen: listen?,
+        interface: interface?,
         allow: allow?,
         bodies: bodies?,
         world_from_tracker: world_from_tracker?,
@@ -133,20 +128,6 @@ fn predict(value: &Value<'_>) -> Option<Option<f64>> {
     Some((lead_ms > 0.0).then_some(lead_ms))
 }
 
-fn protocol(value: &Value<'_>) -> Option<Protocol> {
-    let name = value.string()?;
-    if name == Protocol::Lantern.as_str() {
-        return Some(Protocol::Lantern);
-    }
-    let hint = "write protocol = \"lantern\" and send its 64-byte packets";
-    if PROTOCOLS_TO_COME.contains(&name.as_str()) {
-        value.problem(format!("protocol \"{name}\" is not built yet"), hint);
-    } else {
-        value.problem(format!("there is no protocol \"{name}\""), hint);
-    }
-    None
-}
-
 fn listen(value: &Value<'_>, listening: &mut HashSet<SocketAddr>) -> Option<SocketAddr> {
     let text = value.string()?;
     let Ok(address) = text.parse::<SocketAddr>() else {
@@ -154,12 +135,70 @@ fn listen(value: &Value<'_>, listening: &mut HashSet<SocketAddr>) -> Option<Sock
         value.problem(format!("`{text}` is no address to listen at"), hint);
         return None;
     };
-    // Port 0 is whatever the system has free, so it never clashes.
-    if address.port() != 0 && !listening.insert(address) {
-        value.problem(format!("another tracker listens at {address} already"), "give each tracker its own port");
-        return None;
+    // Port 0 is whatever the system has free, so it never clashes; and what listens at every address, listens at each.
+    let clashes = |other: &&SocketAddr| {
+        let [ip, other_ip] = [address.ip(), other.ip()];
+        address.port() == other.port() && (ip == other_ip || ip.is_unspecified() || other_ip.is_unspecified())
+    };
+    if address.port() != 0 {
+        if let Some(other) = listening.iter().find(clashes) {
+            let message = if *other == address {
+                format!("another tracker listens at {address} already")
+            } else {
+                format!("another tracker listens at {other}, which {address} includes or is part of")
+            };
+            value.problem(message, "give each tracker its own port");
+            return None;
+        }
+        listening.insert(address);
     }
     Some(address)
+}
+
+/// The interface of a multicast group; an address of this machine has none.
+fn interface_of(interface: Option<&Value<'_>>, listen_value: &Value<'_>, listen: SocketAddr) -> Option<Option<String>> {
+    match (interface, listen.ip().is_multicast()) {
+        (None, false) => Some(None),
+        (None, true) => {
+            let hint = "add interface = \"eth0\", or the address of that network card; `ip address` lists them";
+            listen_value.problem(
+                format!("{} is a multicast group, and no `interface` says where to join it", listen.ip()),
+                hint,
+            );
+            None
+        }
+        (Some(value), false) => {
+            let hint = "remove it, or listen at a group such as \"239.255.42.99:1511\"";
+            value.problem(format!("`interface` is for multicast groups, which {} is not", listen.ip()), hint);
+            None
+        }
+        (Some(value), true) if listen.port() == 0 => {
+            value.problem("a multicast group has a port, and it is not 0", "write the port that the tracker sends to");
+            None
+        }
+        (Some(value), true) => value.name().map(Some),
+    }
+}
+
+/// This machine itself, and the server that is spoken to.
+fn default_allow(protocol: Option<&Protocol>) -> Vec<IpAddr> {
+    let server = protocol.and_then(server_of);
+    [IpAddr::V4(Ipv4Addr::LOCALHOST), IpAddr::V6(Ipv6Addr::LOCALHOST)].into_iter().chain(server).collect()
+}
+
+fn server_of(protocol: &Protocol) -> Option<IpAddr> {
+    match protocol {
+        Protocol::Natnet(Natnet { server, .. }) => server.map(|server| server.ip()),
+        _ => None,
+    }
+}
+
+fn allows_server(value: &Value<'_>, allow: &[IpAddr], protocol: Option<&Protocol>) -> bool {
+    let stranger = protocol.and_then(server_of).filter(|server| !allow.contains(server));
+    if let Some(server) = stranger {
+        value.problem(format!("`allow` does not have {server}, which is the `server`"), format!("add \"{server}\""));
+    }
+    stranger.is_none()
 }
 
 fn allow(value: &Value<'_>) -> Option<Vec<IpAddr>> {
@@ -179,20 +218,33 @@ fn allow(value: &Value<'_>) -> Option<Vec<IpAddr>> {
     addresses.into_iter().collect()
 }
 
-fn bodies_by_id(value: &Value<'_>, known: &HashSet<String>) -> Option<BTreeMap<u16, String>> {
+fn bodies_by_id(
+    value: &Value<'_>,
+    protocol: Option<&Protocol>,
+    known: &HashSet<String>,
+) -> Option<BTreeMap<String, String>> {
     let mut bodies = BTreeMap::new();
     let mut good = true;
-    for (key, span, name_value) in value.table()?.entries() {
-        let id = key.parse::<u16>().ok();
-        if id.is_none() {
-            let message = format!("`{key}` is no id of a body");
-            name_value.problem_at(&span, message, "protocol \"lantern\" numbers bodies from 0 to 65535");
+    let entries = value.table()?.entries();
+    for (key, span, name_value) in &entries {
+        // Of which protocol nobody knows, any id will do.
+        let id = protocol.map_or(Ok((*key).to_owned()), |protocol| body_id(protocol, key));
+        if let Err(hint) = id {
+            name_value.problem_at(span, format!("`{key}` is no id of a body"), hint);
         }
-        let name = name_value.name().filter(|n| known_name(&name_value, n, known, "body", "add it as a [[body]]"));
-        match (id, name) {
-            (Some(id), Some(name)) => drop(bodies.insert(id, name)),
-            _ => good = false,
+        let name = name_value.name().filter(|n| known_name(name_value, n, known, "body", "add it as a [[body]]"));
+        good &= id.is_ok() && name.is_some();
+        if let (Ok(id), Some(name)) = (id, name)
+            && bodies.insert(id.clone(), name).is_some()
+        {
+            name_value.problem_at(span, format!("`{id}` is there twice"), "name each of the tracker's bodies once");
+            good = false;
         }
+    }
+    if entries.len() > 1 && protocol.is_some_and(has_one_body) {
+        let hint = "leave one entry, whatever its key; for `osc`, {id} in `address` or \"id\" in `arguments` tells bodies apart";
+        value.problem("the messages of this tracker mean one body, and `bodies` has several", hint);
+        good = false;
     }
     good.then_some(bodies)
 }

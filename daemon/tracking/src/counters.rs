@@ -1,25 +1,49 @@
 //! What `status` says of a tracker.
 
-use lantern_proto::status::TrackerStatus;
+use crate::protocol::{BodyId, Refusal};
+use lantern_proto::status::{OthersStatus, TrackedStatus, TrackerStatus};
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 /// The rate is counted over this many slots, one second together.
 const SLOTS: usize = 10;
 const SLOT: Duration = Duration::from_millis(100);
 
-/// Counts of one tracker; a fixed size, however much comes.
+/// No more ids of strange bodies are kept: enough to see what there is.
+const MAX_STRANGERS: usize = 16;
+
+/// What else than `status` knows of a tracker by other ways.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Socket {
+    /// Where it listens.
+    pub(crate) listen: String,
+    /// Packets that the system has thrown away.
+    pub(crate) kernel_dropped: Option<u64>,
+}
+
+/// Counts of one tracker; a bounded size, however much comes.
 #[derive(Debug)]
 pub(crate) struct Counters {
     accepted: u64,
     rejected: u64,
     dropped_old: u64,
     last_reject: Option<String>,
+    incomplete: u64,
+    others: OthersStatus,
     rate: Rate,
 }
 
 impl Counters {
     pub(crate) fn new(now: Instant) -> Self {
-        Self { accepted: 0, rejected: 0, dropped_old: 0, last_reject: None, rate: Rate::new(now) }
+        Self {
+            accepted: 0,
+            rejected: 0,
+            dropped_old: 0,
+            last_reject: None,
+            incomplete: 0,
+            others: OthersStatus::default(),
+            rate: Rate::new(now),
+        }
     }
 
     pub(crate) fn accept(&mut self, now: Instant) {
@@ -32,13 +56,44 @@ impl Counters {
         self.last_reject = Some(reason);
     }
 
-    /// One that was good but came too late; it counts as rejected as well.
-    pub(crate) fn drop_old(&mut self, reason: String) {
-        self.dropped_old += 1;
-        self.reject(reason);
+    /// One that moves nothing, by its reason.
+    pub(crate) fn refuse(&mut self, refusal: Refusal) {
+        match refusal {
+            Refusal::Bad(reason) => self.reject(reason),
+            // It was good, and came too late: it counts as rejected as well.
+            Refusal::Old(_) => {
+                self.dropped_old += 1;
+                self.reject(refusal.to_string());
+            }
+            Refusal::Other(what) => {
+                self.others.packets += 1;
+                self.others.last = Some(what);
+            }
+        }
     }
 
-    pub(crate) fn status(&mut self, protocol: &str, listen: String, now: Instant) -> TrackerStatus {
+    /// Frames of which a part did not come.
+    pub(crate) fn miss(&mut self, frames: u64) {
+        self.incomplete += frames;
+    }
+
+    /// A body that nobody asked for.
+    pub(crate) fn meet(&mut self, stranger: &BodyId) {
+        if self.others.bodies.len() < MAX_STRANGERS {
+            let name = stranger.to_string();
+            if !self.others.bodies.contains(&name) {
+                self.others.bodies.push(name);
+            }
+        }
+    }
+
+    pub(crate) fn status(
+        &mut self,
+        protocol: &str,
+        socket: Socket,
+        bodies: BTreeMap<String, TrackedStatus>,
+        now: Instant,
+    ) -> TrackerStatus {
         TrackerStatus {
             protocol: protocol.to_owned(),
             accepted: self.accepted,
@@ -46,7 +101,11 @@ impl Counters {
             last_reject: self.last_reject.clone(),
             rate_hz: self.rate.per_second(now),
             dropped_old: self.dropped_old,
-            listen,
+            listen: socket.listen,
+            kernel_dropped: socket.kernel_dropped,
+            incomplete: self.incomplete,
+            bodies,
+            others: self.others.clone(),
         }
     }
 }

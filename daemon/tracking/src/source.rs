@@ -2,13 +2,17 @@
 
 use crate::bodies::{Bodies, is_place};
 use crate::clock::Timekeeper;
-use crate::counters::Counters;
-use crate::pose::Update;
-use crate::protocol::{Protocol, Reading};
+use crate::counters::{Counters, Socket};
+use crate::order::FrameOrder;
+use crate::pose::{Timing, Update};
+use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, Saying, bad};
+use crate::protocols;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use lantern_config::Tracker;
 use lantern_proto::pose_packet::sequence_is_newer;
-use std::collections::{BTreeMap, HashMap};
+use lantern_proto::status::{TrackedStatus, TrackerStatus};
+use std::collections::BTreeMap;
+use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::time::Instant;
@@ -38,34 +42,57 @@ impl WorldFromTracker {
     }
 }
 
+/// A body that the configuration has of this tracker.
+struct Followed {
+    /// Our name of it.
+    body: String,
+    /// The newest packet's number, where bodies are counted one by one.
+    sequence: Option<u32>,
+    /// Whether the tracker saw it when it last spoke of it.
+    is_tracked: bool,
+    /// When its last pose was heard.
+    posed: Option<Instant>,
+}
+
 /// A tracker's settings and what it has heard; the socket is another's.
-pub(crate) struct Source {
+pub struct Source {
     name: Arc<str>,
     protocol_name: &'static str,
     allow: Vec<IpAddr>,
-    bodies_by_id: BTreeMap<u16, String>,
+    followed: BTreeMap<BodyId, Followed>,
     world_from_tracker: WorldFromTracker,
     protocol: Box<dyn Protocol>,
-    /// By body id: the newest sequence. Only ids that the configuration names get in, so it stays small.
-    last_sequence: HashMap<u16, u32>,
+    order: FrameOrder,
     timekeeper: Timekeeper,
     counters: Counters,
+    /// What the last datagram said; kept for its memory.
+    heard: Heard,
+}
+
+impl fmt::Debug for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Source")
+            .field("name", &self.name)
+            .field("protocol", &self.protocol_name)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Source {
-    pub(crate) fn new(tracker: &Tracker) -> Self {
+    /// One that has heard nothing yet.
+    pub fn new(tracker: &Tracker) -> Self {
+        let followed = |body: &String| Followed { body: body.clone(), sequence: None, is_tracked: false, posed: None };
         Self {
             name: Arc::from(tracker.name.as_str()),
             protocol_name: tracker.protocol.as_str(),
             allow: tracker.allow.clone(),
-            bodies_by_id: tracker.bodies.clone(),
+            followed: tracker.bodies.iter().map(|(id, body)| (BodyId::parse(id), followed(body))).collect(),
             world_from_tracker: WorldFromTracker::new(tracker.world_from_tracker),
-            protocol: match tracker.protocol {
-                lantern_config::Protocol::Lantern => Box::new(crate::lantern::Lantern),
-            },
-            last_sequence: HashMap::new(),
+            protocol: protocols::new(tracker),
+            order: FrameOrder::default(),
             timekeeper: Timekeeper::new(tracker),
             counters: Counters::new(Instant::now()),
+            heard: Heard::default(),
         }
     }
 
@@ -85,46 +112,125 @@ impl Source {
         }
     }
 
-    pub(crate) fn status(&mut self, listen: String) -> lantern_proto::status::TrackerStatus {
-        self.counters.status(self.protocol_name, listen, Instant::now())
+    pub(crate) fn status_of(&mut self, socket: Socket) -> TrackerStatus {
+        let now = Instant::now();
+        let age_ms = |posed: Instant| now.saturating_duration_since(posed).as_secs_f64() * 1e3;
+        let status = |followed: &Followed| TrackedStatus {
+            body: followed.body.clone(),
+            tracked: followed.is_tracked,
+            age_ms: followed.posed.map(age_ms),
+        };
+        let bodies = self.followed.iter().map(|(id, followed)| (id.to_string(), status(followed))).collect();
+        self.counters.status(self.protocol_name, socket, bodies, now)
     }
 
-    /// Takes one datagram: it moves a body, or it is counted with the reason why not.
-    pub(crate) fn hear(&mut self, datagram: &[u8], from: SocketAddr, bodies: &Bodies, received: Instant) {
+    /// What `status` says of it, but for its socket.
+    pub fn status(&mut self) -> TrackerStatus {
+        self.status_of(Socket::default())
+    }
+
+    /// Takes one datagram: it moves bodies, or it is counted with the reason why not. It never moves some of the bodies
+    /// that it speaks of because of what it says of others.
+    pub fn hear(&mut self, datagram: &[u8], from: SocketAddr, bodies: &Bodies, received: Instant) {
         // An IPv4 sender to an IPv6 socket is still the IPv4 address that people write.
         let address = from.ip().to_canonical();
         if !self.allow.contains(&address) {
             return self.counters.reject(format!("from {address}, which `allow` does not have"));
         }
-        let reading = match self.protocol.read(datagram) {
-            Ok(reading) => reading,
-            Err(reason) => return self.counters.reject(reason),
-        };
-        let Some(body) = self.bodies_by_id.get(&reading.body_id) else {
-            return self.counters.reject(format!("body id {}, which `bodies` does not have", reading.body_id));
-        };
-
-        // Only what is newer counts; the first packet of a body is.
-        if let Some(&last) = self.last_sequence.get(&reading.body_id)
-            && !sequence_is_newer(reading.sequence, last)
-        {
-            return self.counters.drop_old(format!("old: sequence {} is not newer than {last}", reading.sequence));
+        let mut heard = std::mem::take(&mut self.heard);
+        heard.clear();
+        let read = self.protocol.read(datagram, from, &mut heard);
+        match read.and_then(|()| self.take(&heard, bodies, received)) {
+            Ok(()) => self.counters.accept(received),
+            Err(refusal) => self.counters.refuse(refusal),
         }
-        let timing = self.timekeeper.timing(reading.measured_ns, received);
-        let update = Update { timing, ..self.to_world(&reading) };
-        if update.position_m.is_some_and(|position_m| !is_place(position_m)) {
-            return self.counters.reject("position beyond 1e8 m".to_owned());
-        }
-        if !bodies.apply(body, &update, &self.name, received) {
-            return self.counters.reject(format!("body `{body}`, which is not there any more"));
-        }
-        self.last_sequence.insert(reading.body_id, reading.sequence);
-        self.counters.accept(received);
+        self.counters.miss(heard.incomplete_frames);
+        self.heard = heard;
     }
 
     /// Counts a failure of the socket.
-    pub(crate) fn fail(&mut self, error: &std::io::Error) {
+    pub(crate) fn fail(&mut self, error: &dyn std::error::Error) {
         self.counters.reject(format!("socket: {error}"));
+    }
+
+    /// What the protocol wants to have sent now.
+    pub(crate) fn say(&mut self, now: Instant) -> Vec<Saying> {
+        self.protocol.say(now)
+    }
+
+    /// Moves the bodies that the readings are about, after all of the readings have been found good.
+    fn take(&mut self, heard: &Heard, bodies: &Bodies, received: Instant) -> Result<(), Refusal> {
+        if let Some(frame) = heard.frame
+            && let Some(newest) = self.order.newer_than(frame, received)
+        {
+            return Err(Refusal::Old(format!("frame {frame} is not newer than {newest}")));
+        }
+        let mut updates = Vec::with_capacity(heard.readings.len().min(self.followed.len()));
+        for reading in &heard.readings {
+            let Some(id) = self.id_of(reading) else {
+                self.counters.meet(&reading.body);
+                continue;
+            };
+            updates.push((id.clone(), self.checked(reading, id)?));
+        }
+        // Of strange bodies alone nothing can be used, and whoever configures must hear it. No body at all is a fact.
+        if updates.is_empty()
+            && let Some(stranger) = heard.readings.first()
+        {
+            return bad(format!("body id {}, which `bodies` does not have", stranger.body));
+        }
+
+        // All of a datagram has mostly one time, and the clock is to hear of it once.
+        let mut timing: Option<(Option<u64>, Timing)> = None;
+        for (_, update) in &mut updates {
+            let known = timing.filter(|(measured_ns, _)| *measured_ns == update.measured_ns).map(|(_, timing)| timing);
+            update.timing = known.unwrap_or_else(|| self.timekeeper.timing(update.measured_ns, received));
+            timing = Some((update.measured_ns, update.timing));
+        }
+        if heard.is_everything {
+            self.followed.values_mut().for_each(|followed| followed.is_tracked = false);
+        }
+        let mut gone = None;
+        for (id, update) in updates {
+            let Some(followed) = self.followed.get_mut(&id) else { continue };
+            if !bodies.apply(&followed.body, &update, &self.name, received) {
+                gone = Some(followed.body.clone());
+                continue;
+            }
+            followed.sequence = update.sequence.or(followed.sequence);
+            followed.is_tracked = update.position_m.is_some() || update.orientation.is_some();
+            followed.posed = if followed.is_tracked { Some(received) } else { followed.posed };
+        }
+        if let Some(body) = gone {
+            return bad(format!("body `{body}`, which is not there any more"));
+        }
+        if let Some(frame) = heard.frame {
+            self.order.take(frame, received);
+        }
+        Ok(())
+    }
+
+    /// Under which id the configuration has the body of a reading.
+    fn id_of(&self, reading: &Reading) -> Option<&BodyId> {
+        match reading.body {
+            BodyId::Only => self.followed.keys().next(),
+            _ => self.followed.get_key_value(&reading.body).map(|(id, _)| id),
+        }
+    }
+
+    /// A reading in the world's frame, if it is newer than what is known of its body, and somewhere.
+    fn checked(&self, reading: &Reading, id: &BodyId) -> Result<Update, Refusal> {
+        let last = self.followed.get(id).and_then(|followed| followed.sequence);
+        if let (Some(sequence), Some(last)) = (reading.sequence, last)
+            && !sequence_is_newer(sequence, last)
+        {
+            return Err(Refusal::Old(format!("sequence {sequence} is not newer than {last}")));
+        }
+        let update = self.to_world(reading);
+        if update.position_m.is_some_and(|position_m| !is_place(position_m)) {
+            return bad("position beyond 1e8 m");
+        }
+        Ok(update)
     }
 
     fn to_world(&self, reading: &Reading) -> Update {
@@ -133,7 +239,7 @@ impl Source {
             position_m: reading.position_m.map(|p| world.point(p)),
             orientation: reading.orientation.map(|q| (world.rotation * q).normalize()),
             velocity_m_s: reading.velocity_m_s.map(|v| world.vector(v)),
-            sequence: Some(reading.sequence),
+            sequence: reading.sequence,
             measured_ns: reading.measured_ns,
             ..Update::default()
         }
@@ -145,7 +251,7 @@ mod tests {
     use super::*;
     use glam::Vec3;
     use lantern_config::{Body, Protocol};
-    use lantern_proto::{PosePacket, status::TrackerStatus};
+    use lantern_proto::PosePacket;
 
     const ALLOWED: &str = "10.0.0.1:5000";
 
@@ -154,8 +260,9 @@ mod tests {
             name: "optitrack".into(),
             protocol: Protocol::Lantern,
             listen: "127.0.0.1:0".parse().unwrap(),
+            interface: None,
             allow: vec!["10.0.0.1".parse().unwrap()],
-            bodies: BTreeMap::from([(1, "head".to_owned()), (2, "gone".to_owned())]),
+            bodies: BTreeMap::from([("1".to_owned(), "head".to_owned()), ("2".to_owned(), "gone".to_owned())]),
             // +Z up to +Y up, in millimetres, and 1 m to the right.
             world_from_tracker: [
                 [0.001, 0.0, 0.0, 1.0],
@@ -177,7 +284,7 @@ mod tests {
 
     fn hear(source: &mut Source, bodies: &Bodies, datagram: &[u8]) -> TrackerStatus {
         source.hear(datagram, ALLOWED.parse().unwrap(), bodies, Instant::now());
-        source.status(String::new())
+        source.status()
     }
 
     #[test]
@@ -226,7 +333,7 @@ mod tests {
         let lost = PosePacket { sequence: 3, ..lost };
         let later = Instant::now() + std::time::Duration::from_secs(5);
         source.hear(&lost.encode(), ALLOWED.parse().unwrap(), &bodies, later);
-        assert_eq!((source.status(String::new()).accepted, bodies.generation()), (3, generation));
+        assert_eq!((source.status().accepted, bodies.generation()), (3, generation));
         assert_eq!(bodies.get("head").unwrap(), before);
         // Its packets count in their order all the same, and either of the two is a pose.
         assert_eq!(hear(&mut source, &bodies, &packet(3).encode()).dropped_old, 1);
@@ -283,11 +390,11 @@ mod tests {
         }
         for stranger in ["10.0.0.2:5000", "[::1]:5000"] {
             source.hear(&packet(9).encode(), stranger.parse().unwrap(), &bodies, Instant::now());
-            assert!(source.status(String::new()).last_reject.unwrap().contains("`allow`"));
+            assert!(source.status().last_reject.unwrap().contains("`allow`"));
         }
         assert_eq!(bodies.generation(), generation);
         // An allowed IPv4 sender may come through an IPv6 socket.
         source.hear(&packet(9).encode(), "[::ffff:10.0.0.1]:5000".parse().unwrap(), &bodies, Instant::now());
-        assert_eq!(source.status(String::new()).accepted, 1);
+        assert_eq!(source.status().accepted, 1);
     }
 }

@@ -1,6 +1,8 @@
-//! The sockets: one task a tracker, which hears and never answers.
+//! The trackers of a configuration: one task each, which hears, and speaks where the protocol has it so.
 
 use crate::bodies::Bodies;
+use crate::counters;
+use crate::socket::{Place, Sockets, TrackerError};
 use crate::source::Source;
 use lantern_config::Tracker;
 use lantern_proto::status::TrackerStatus;
@@ -11,10 +13,9 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
-use tokio::io::ReadBuf;
-use tokio::net::UdpSocket;
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
+use tokio::time::MissedTickBehavior;
 
 /// Longer than any datagram, so that a length is never cut.
 const BUFFER_BYTES: usize = 1 << 16;
@@ -22,31 +23,15 @@ const BUFFER_BYTES: usize = 1 << 16;
 /// How long a failing socket is left alone: an error that stays must not eat a core.
 const PAUSE_AFTER_ERROR: Duration = Duration::from_millis(50);
 
-/// A tracker that cannot be listened to.
-#[derive(Debug, thiserror::Error)]
-pub enum TrackerError {
-    /// Its address is taken, or not this machine's.
-    #[error(
-        "tracker `{name}` cannot listen at {listen}: {source}; hint: another program may have that port, or no \
-             network card that address"
-    )]
-    Bind {
-        /// The tracker.
-        name: String,
-        /// Its address.
-        listen: SocketAddr,
-        /// What the system said.
-        source: io::Error,
-    },
-}
+/// How often a protocol may speak.
+const TURN: Duration = Duration::from_millis(500);
 
 /// A socket that can be closed while a task waits on it; `None` once it was.
-type Socket = Arc<Mutex<Option<UdpSocket>>>;
+type Socket = Arc<Mutex<Option<Sockets>>>;
 
 /// A tracker that is listened to, until it is dropped.
 struct Listening {
-    /// As it was asked for; a port of 0 means any.
-    asked: SocketAddr,
+    place: Place,
     /// As it is.
     address: SocketAddr,
     source: Arc<Mutex<Source>>,
@@ -55,10 +40,10 @@ struct Listening {
 }
 
 impl Listening {
-    /// Whether its socket is the one that a tracker asks for: an address is one tracker's alone, but for port 0, where
+    /// Whether its sockets are those that a tracker asks for: an address is one tracker's alone, but for port 0, where
     /// the name decides.
     fn serves(&self, tracker: &Tracker) -> bool {
-        self.asked == tracker.listen && (self.asked.port() != 0 || lock(&self.source).name() == tracker.name)
+        self.place == Place::of(tracker) && (self.place.listen.port() != 0 || lock(&self.source).name() == tracker.name)
     }
 
     /// Whether its socket keeps another from an address: the same port, and no two cards.
@@ -72,6 +57,13 @@ impl Listening {
     fn close(&self) {
         self.task.abort();
         lock(&self.socket).take();
+    }
+
+    fn status(&self) -> (String, TrackerStatus) {
+        let kernel_dropped = lock(&self.socket).as_ref().and_then(Sockets::kernel_dropped);
+        let mut source = lock(&self.source);
+        let socket = counters::Socket { listen: self.address.to_string(), kernel_dropped };
+        (source.name().to_owned(), source.status_of(socket))
     }
 }
 
@@ -140,11 +132,7 @@ impl Trackers {
 
     /// For `status`, by name.
     pub fn status(&self) -> BTreeMap<String, TrackerStatus> {
-        let status = |tracker: &Listening| {
-            let mut source = lock(&tracker.source);
-            (source.name().to_owned(), source.status(tracker.address.to_string()))
-        };
-        self.listening.iter().map(status).collect()
+        self.listening.iter().map(Listening::status).collect()
     }
 
     /// Where a tracker listens: what the system chose, where the configuration says port 0.
@@ -154,49 +142,54 @@ impl Trackers {
 }
 
 fn listen(runtime: &Handle, tracker: &Tracker, bodies: &Arc<Bodies>) -> Result<Listening, TrackerError> {
-    let opened = bind(runtime, tracker.listen).and_then(|socket| Ok((socket.local_addr()?, socket)));
-    let (address, socket) =
-        opened.map_err(|source| TrackerError::Bind { name: tracker.name.clone(), listen: tracker.listen, source })?;
+    let place = Place::of(tracker);
+    let sockets = Sockets::open(runtime, &tracker.name, &place)?;
+    let address = sockets.address();
     tracing::info!(tracker = tracker.name, %address, protocol = tracker.protocol.as_str(), "listening for poses");
-    let (socket, source) = (Arc::new(Mutex::new(Some(socket))), Arc::new(Mutex::new(Source::new(tracker))));
-    let task = runtime.spawn(hear(socket.clone(), source.clone(), bodies.clone()));
-    Ok(Listening { asked: tracker.listen, address, source, socket, task })
+    let (socket, source) = (Arc::new(Mutex::new(Some(sockets))), Arc::new(Mutex::new(Source::new(tracker))));
+    let task = runtime.spawn(hear(socket.clone(), source.clone(), bodies.clone(), place.speaks));
+    Ok(Listening { place, address, source, socket, task })
 }
 
 /// Listens again where a socket was closed, with the counts of before.
 fn reopen(runtime: &Handle, closed: &mut Listening, bodies: &Arc<Bodies>) {
-    match bind(runtime, closed.address) {
-        Ok(socket) => {
-            closed.socket = Arc::new(Mutex::new(Some(socket)));
-            closed.task = runtime.spawn(hear(closed.socket.clone(), closed.source.clone(), bodies.clone()));
+    // Where the system chose the port, it must be that one again.
+    let place = Place { listen: closed.address, ..closed.place.clone() };
+    let mut source = lock(&closed.source);
+    match Sockets::open(runtime, source.name(), &place) {
+        Ok(sockets) => {
+            closed.socket = Arc::new(Mutex::new(Some(sockets)));
+            closed.task =
+                runtime.spawn(hear(closed.socket.clone(), closed.source.clone(), bodies.clone(), place.speaks));
         }
         Err(error) => {
-            let mut source = lock(&closed.source);
             tracing::error!(tracker = source.name(), address = %closed.address, %error, "cannot listen again");
             source.fail(&error);
         }
     }
 }
 
-fn bind(runtime: &Handle, address: SocketAddr) -> io::Result<UdpSocket> {
-    let socket = std::net::UdpSocket::bind(address)?;
-    socket.set_nonblocking(true)?;
-    // A socket belongs to the runtime that it is made in.
-    let _guard = runtime.enter();
-    UdpSocket::from_std(socket)
-}
-
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Hears until the socket is closed.
-async fn hear(socket: Socket, source: Arc<Mutex<Source>>, bodies: Arc<Bodies>) {
+/// Hears until the socket is closed, and says what the protocol wants to have said.
+async fn hear(socket: Socket, source: Arc<Mutex<Source>>, bodies: Arc<Bodies>, speaks: bool) {
     let mut buffer = vec![0; BUFFER_BYTES];
-    while let Some(heard) = poll_fn(|context| poll_datagram(&socket, context, &mut buffer)).await {
+    let mut turn = tokio::time::interval(TURN);
+    turn.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        let heard = tokio::select! {
+            heard = poll_fn(|context| poll_datagram(&socket, context, &mut buffer)) => heard,
+            _ = turn.tick(), if speaks => {
+                say(&socket, &source);
+                continue;
+            }
+        };
         match heard {
-            Ok((length, from)) => lock(&source).hear(&buffer[..length], from, &bodies, Instant::now()),
-            Err(error) => {
+            None => return,
+            Some(Ok((length, from))) => lock(&source).hear(&buffer[..length], from, &bodies, Instant::now()),
+            Some(Err(error)) => {
                 lock(&source).fail(&error);
                 tokio::time::sleep(PAUSE_AFTER_ERROR).await;
             }
@@ -204,14 +197,24 @@ async fn hear(socket: Socket, source: Arc<Mutex<Source>>, bodies: Arc<Bodies>) {
     }
 }
 
+fn say(socket: &Mutex<Option<Sockets>>, source: &Mutex<Source>) {
+    let sayings = lock(source).say(Instant::now());
+    for saying in sayings {
+        let said = lock(socket).as_ref().map_or(Ok(()), |socket| socket.say(&saying));
+        if let Err(error) = said {
+            lock(source).fail(&error);
+        }
+    }
+}
+
 /// The next datagram's length and sender; `None` of a closed socket, which is held for the time of this call alone.
 fn poll_datagram(
-    socket: &Mutex<Option<UdpSocket>>,
+    socket: &Mutex<Option<Sockets>>,
     context: &mut Context<'_>,
     buffer: &mut [u8],
 ) -> Poll<Option<io::Result<(usize, SocketAddr)>>> {
-    let socket = lock(socket);
-    let Some(socket) = socket.as_ref() else { return Poll::Ready(None) };
-    let mut buffer = ReadBuf::new(buffer);
-    socket.poll_recv_from(context, &mut buffer).map(|from| Some(from.map(|from| (buffer.filled().len(), from))))
+    match lock(socket).as_ref() {
+        None => Poll::Ready(None),
+        Some(sockets) => sockets.poll_datagram(context, buffer).map(Some),
+    }
 }

@@ -1,0 +1,212 @@
+//! Broken packets of every protocol: nothing panics, and none moves a body by half.
+//!
+//! What can be told from a good packet depends on the format. Only FreeD has a checksum: of its packets every flipped bit is
+//! refused. Of the others a flipped bit of a number is another number. So of those it is tested that a damaged packet is
+//! either refused and moves nothing, or leaves every body at a place that can be, by a rotation; and that of a packet cut
+//! short nothing moves, but where what is left is whole: DTRACK's lines and the elements of an OSC bundle, of which the last
+//! may be missing.
+
+use crate::packets::*;
+use glam::DVec3;
+use lantern_tracking::Bodies;
+use proptest::prelude::*;
+
+/// A protocol: the tracker's keys, and good packets of it, which together move `head`.
+struct Sample {
+    keys: &'static str,
+    packets: Vec<Vec<u8>>,
+    /// Whether what is left of a packet that was cut short is a good one.
+    is_whole: fn(&[u8]) -> bool,
+}
+
+fn samples() -> Vec<Sample> {
+    let sample = |keys, packets| Sample { keys, packets, is_whole: |_| false };
+    let fields = |x: f32| [vector(0, [x, 2.0, 3.0]), vector(1, [0.0; 3]), vector(2, [0.1, 0.2, 0.3])].concat();
+    let body = "[1 1.000][100.5 200.2 300.1 1 2 3][0 1 0 -1 0 0 0 0 1]";
+    let lines =
+        format!("fr 5\r\nts 10.5\r\n6d 1 {body}\r\n6df2 1 1 [0 1.0 2 2][1 2 3][1 0 0 0 1 0 0 0 1][0 0.5 0.5]\r\n");
+    let rigid = |x: f32| (1, [x, 0.2, 0.3], [0.5, -0.5, 0.5, 0.5], true);
+    let numbers = [1.0, 2.0, 3.0, 0.5, -0.5, 0.5, 0.5];
+    let place = [
+        osc("/tracking/trackers/1/position", None, &numbers[..3]),
+        osc("/tracking/trackers/1/rotation", None, &numbers[..3]),
+    ];
+    vec![
+        sample("protocol = \"lantern\"", vec![lantern_packet(1), lantern_packet(2)]),
+        sample("protocol = \"freed\"", vec![freed(1, [10.0, 20.0, 30.0], [1.0, 2.0, 3.0])]),
+        sample("protocol = \"opentrack\"", vec![opentrack([1.0, 2.0, 3.0, 40.0, 50.0, 60.0])]),
+        Sample { is_whole: |rest| rest.contains(&b']'), ..sample("protocol = \"dtrack\"", vec![lines.into_bytes()]) },
+        sample(
+            "protocol = \"psn\"\nbodies = { \"1\" = \"head\", \"name\" = \"hand\" }",
+            vec![
+                psn_names(&[(2, "name"), (1, "other")]),
+                psn(psn_header(1000, 1, 1), &[(1, fields(1.0)), (2, fields(2.0))]),
+                psn(psn_header(2000, 2, 2), &[(1, fields(3.0))]),
+                psn(psn_header(2000, 2, 2), &[(2, fields(4.0))]),
+            ],
+        ),
+        sample("protocol = \"natnet\"\nversion = \"3.1\"", vec![natnet((3, 1), 1, 1.0, &[rigid(0.5)])]),
+        sample("protocol = \"natnet\"\nversion = \"4.0\"", vec![natnet((4, 0), 1, 1.0, &[rigid(0.5), rigid(1.5)])]),
+        sample(
+            "protocol = \"natnet\"\nserver = \"127.0.0.1:5000\"",
+            vec![
+                natnet_answer([4, 1]),
+                natnet((4, 1), 1, 1.0, &[rigid(0.5), (2, [1.0; 3], [0.0, 0.0, 0.0, 1.0], false)]),
+            ],
+        ),
+        sample(
+            "protocol = \"osc\"\npreset = \"vmc\"",
+            vec![
+                osc("/VMC/Ext/Hmd/Pos", Some("1"), &numbers),
+                osc_bundle(
+                    1,
+                    &[
+                        osc_bundle(2 << 32, &[osc("/VMC/Ext/Tra/Pos", Some("1"), &numbers)]),
+                        osc("/VMC/Ext/T", None, &[1.0]),
+                    ],
+                ),
+            ],
+        ),
+        Sample {
+            is_whole: |rest| {
+                rest.len() == osc_bundle(1, &[osc("/tracking/trackers/1/position", None, &[0.0; 3])]).len()
+            },
+            ..sample("protocol = \"osc\"\npreset = \"vrchat\"", vec![osc_bundle(1, &place)])
+        },
+        sample("protocol = \"osc\"\npreset = \"optitrack\"", vec![osc("/rigidbody/1/transformation", None, &numbers)]),
+        sample(
+            "protocol = \"osc\"\naddress = \"/t/{id}\"\narguments = [\"time\", \"x\", \"y\", \"z\", \"rx\", \"ry\", \"rz\"]",
+            vec![osc("/t/1", None, &numbers)],
+        ),
+    ]
+}
+
+fn lantern_packet(sequence: u32) -> Vec<u8> {
+    let position_m = Some([1.0, 2.0, 3.0]);
+    let orientation = Some([0.5, -0.5, 0.5, 0.5]);
+    lantern_proto::PosePacket { body_id: 1, sequence, position_m, orientation, ..Default::default() }.encode().to_vec()
+}
+
+/// Where all bodies are: equal only where nothing moved, for a place that cannot be is equal to nothing.
+fn places(bodies: &Bodies) -> Vec<(DVec3, glam::DQuat)> {
+    ["head", "hand"].map(|body| bodies.get(body).unwrap()).map(|pose| (pose.position_m, pose.orientation)).to_vec()
+}
+
+fn hear_all(listener: &mut Listener, packets: &[Vec<u8>]) {
+    for packet in packets {
+        hear(listener, packet);
+    }
+}
+
+/// Hears what may be anything: it is counted once, moves nothing if it was not accepted, and leaves all bodies somewhere.
+fn hear(listener: &mut Listener, datagram: &[u8]) -> bool {
+    let count = |listener: &mut Listener| {
+        let status = listener.source.status();
+        (status.accepted, status.accepted + status.rejected + status.others.packets)
+    };
+    let (before, (accepted, heard)) = (places(&listener.bodies), count(listener));
+    listener.hear(datagram);
+    let (now_accepted, now_heard) = count(listener);
+    assert_eq!(now_heard, heard + 1, "a datagram was not counted once");
+    let after = places(&listener.bodies);
+    if now_accepted == accepted {
+        assert_eq!(before, after, "a datagram that was not accepted moved a body");
+    }
+    for (position_m, orientation) in &after {
+        assert!(position_m.abs().max_element() <= 1e8, "{position_m}");
+        assert!((orientation.length() - 1.0).abs() < 1e-6, "{orientation}");
+    }
+    after != before
+}
+
+#[test]
+fn the_samples_are_good() {
+    for sample in samples() {
+        let mut listener = Listener::new(sample.keys);
+        hear_all(&mut listener, &sample.packets);
+        let status = listener.source.status();
+        assert_eq!((status.rejected, status.bodies["1"].tracked), (0, true), "{}: {status:?}", sample.keys);
+    }
+}
+
+#[test]
+fn a_packet_cut_short_moves_nothing() {
+    for sample in samples() {
+        for (at, packet) in sample.packets.iter().enumerate() {
+            for length in 0..packet.len() {
+                let mut listener = Listener::new(sample.keys);
+                hear_all(&mut listener, &sample.packets[..at]);
+                let moved = hear(&mut listener, &packet[..length]);
+                let is_whole = (sample.is_whole)(&packet[..length]);
+                assert!(!moved || is_whole, "{} cut to {length} bytes moved a body", sample.keys);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_flipped_bit_is_refused_or_harmless() {
+    for sample in samples() {
+        for (at, packet) in sample.packets.iter().enumerate() {
+            for bit in 0..packet.len() * 8 {
+                let mut damaged = packet.clone();
+                damaged[bit / 8] ^= 1 << (bit % 8);
+                let mut listener = Listener::new(sample.keys);
+                hear_all(&mut listener, &sample.packets[..at]);
+                let moved = hear(&mut listener, &damaged);
+                assert!(!moved || !sample.keys.contains("freed"), "bit {bit} of a FreeD packet was not missed");
+                // The damage is forgotten with the packet: what comes later is heard as ever.
+                hear_all(&mut listener, &sample.packets[at..]);
+            }
+        }
+    }
+}
+
+/// Every two and four bytes of a packet that could be a length or a count, as other ones.
+#[test]
+fn lengths_may_lie() {
+    for sample in samples() {
+        for (at, packet) in sample.packets.iter().enumerate() {
+            for start in 0..packet.len() {
+                for lie in
+                    [&[0xff; 4][..], &[0xff; 2], &[0x7f, 0xff, 0xff, 0xff], &[0, 0, 0, 0x80], &[0; 4], &[0xff, 0x7f]]
+                {
+                    let mut damaged = packet.clone();
+                    let end = (start + lie.len()).min(packet.len());
+                    damaged[start..end].copy_from_slice(&lie[..end - start]);
+                    let mut listener = Listener::new(sample.keys);
+                    hear_all(&mut listener, &sample.packets[..at]);
+                    hear(&mut listener, &damaged);
+                }
+            }
+        }
+    }
+}
+
+proptest! {
+    /// Any sequence of good, damaged and senseless datagrams.
+    #[test]
+    fn anything_may_come(
+        choice in 0..12_usize,
+        datagrams in prop::collection::vec(
+            (any::<prop::sample::Index>(), prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4), any::<prop::sample::Index>(), any::<bool>()),
+            1..20,
+        ),
+        noise in prop::collection::vec(any::<u8>(), 0..300),
+    ) {
+        let sample = &samples()[choice];
+        let mut listener = Listener::new(sample.keys);
+        for (which, changes, cut, is_cut) in &datagrams {
+            let mut packet = which.get(&sample.packets).clone();
+            for (place, byte) in changes {
+                let at = place.index(packet.len());
+                packet[at] = *byte;
+            }
+            if *is_cut {
+                packet.truncate(cut.index(packet.len() + 1));
+            }
+            hear(&mut listener, &packet);
+        }
+        hear(&mut listener, &noise);
+    }
+}
