@@ -30,7 +30,8 @@ pub(super) fn status(status: &Status) -> String {
     let bodies = status.bodies.iter().map(|(name, body)| body_row(name, body));
     text.push_str(&table(["body", "position, m", "orientation", "source", "age"], &[], bodies));
     let trackers = status.trackers.iter().map(|(name, tracker)| tracker_row(name, tracker));
-    let header = ["tracker", "protocol", "listens at", "rate, Hz", "accepted", "rejected", "last rejection"];
+    let header =
+        ["tracker", "protocol", "listens at", "rate, Hz", "accepted", "rejected", "does not see", "last rejection"];
     text.push_str(&table(header, &[3, 4, 5], trackers));
     let projectors = status.projectors.iter().map(|(name, projector)| projector_row(name, projector));
     let header = ["projector", "pixels", "output", "frames", "missed", "frame, ms: p50 p95 max", "stages, ms", "queue"];
@@ -59,7 +60,8 @@ fn body_row(name: &str, body: &BodyStatus) -> [String; 5] {
     [name.to_owned(), numbers(&body.position_m), numbers(&body.orientation), body.source.clone(), age]
 }
 
-fn tracker_row(name: &str, tracker: &TrackerStatus) -> [String; 7] {
+fn tracker_row(name: &str, tracker: &TrackerStatus) -> [String; 8] {
+    let lost: Vec<_> = tracker.bodies.values().filter(|body| !body.tracked).map(|body| body.body.as_str()).collect();
     [
         name.to_owned(),
         tracker.protocol.clone(),
@@ -67,6 +69,7 @@ fn tracker_row(name: &str, tracker: &TrackerStatus) -> [String; 7] {
         format!("{:.0}", tracker.rate_hz),
         tracker.accepted.to_string(),
         tracker.rejected.to_string(),
+        lost.join(", "),
         tracker.last_reject.clone().unwrap_or_default(),
     ]
 }

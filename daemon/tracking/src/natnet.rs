@@ -9,7 +9,7 @@
 //! ```
 //!
 //! and each section opens with a count, from 4.1 on followed by its size in bytes. A frame does not tell its version:
-//! that comes from the configuration, or from the server ([`Conversation`](crate::natnet_server::Conversation)). Since
+//! that comes from the configuration, or from the server ([`Conversation`]). Since
 //! every layout must end exactly where the message does, a frame read by another version's layout is refused.
 
 use crate::bytes::Bytes;
