@@ -4,7 +4,8 @@
 mod support;
 
 use lantern::control::{ControlError, Listener};
-use lantern_proto::Layer;
+use lantern_proto::event::SceneEvent;
+use lantern_proto::{Event, EventKind, Layer};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::mem::MaybeUninit;
@@ -109,11 +110,95 @@ fn refusals_say_what_and_where() {
 fn what_is_not_built_says_so() {
     let daemon = FakeDaemon::start();
     let mut client = Client::connect(daemon.socket());
-    let reply = client.ask(&json!({"id": 1, "op": "subscribe", "events": ["frame"]}));
+    let reply = client.ask(&json!({"id": 1, "op": "subscribe", "events": ["frame", "output"]}));
     assert_eq!((&reply["id"], &reply["error"]["code"]), (&json!(1), &json!("not-built")));
-    assert_eq!(reply["error"]["at"], "op");
+    assert_eq!(reply["error"]["at"], "events[1]");
     assert!(reply["error"]["message"].as_str().unwrap().contains("not built yet"));
     assert!(daemon.engine.edits.lock().unwrap().is_empty());
+}
+
+fn scene(revision: u64) -> Event {
+    Event::Scene(SceneEvent { revision, frame: 5, nodes: 2 })
+}
+
+#[test]
+fn subscribers_hear_what_they_asked_for() {
+    let daemon = FakeDaemon::start();
+    let events = &daemon.engine.events;
+    let (mut client, mut other) = (Client::connect(daemon.socket()), Client::connect(daemon.socket()));
+    let reply = client.ask(&json!({"id": 1, "op": "subscribe", "events": ["scene", "frame"]}));
+    assert_eq!(reply, json!({"id": 1, "ok": {"events": ["scene", "frame"]}}));
+    assert!(other.ask(&json!({"id": 1, "op": "subscribe", "events": []})).get("ok").is_some());
+    assert!(events.are_wanted(EventKind::Scene) && !events.are_wanted(EventKind::Pose));
+
+    // Events stand between replies, in their own order, and never in a picture.
+    events.tell(EventKind::Scene, scene(7));
+    assert_eq!(client.receive().unwrap(), json!({"event": "scene", "revision": 7, "frame": 5, "nodes": 2}));
+    for round in 0..20 {
+        events.tell(EventKind::Scene, scene(2 * round));
+        client.send("{\"id\": 2, \"op\": \"snapshot\", \"projector\": \"left\", \"layer\": \"color\"}\n");
+        events.tell(EventKind::Scene, scene(2 * round + 1));
+        let (mut heard, mut pictures) = (vec![], 0);
+        while heard.len() < 2 || pictures < 1 {
+            let line = client.receive().unwrap();
+            if line.get("event").is_some() {
+                heard.push(line["revision"].as_u64().unwrap());
+            } else {
+                let mut picture = vec![0; usize::try_from(line["ok"]["bytes"].as_u64().unwrap()).unwrap()];
+                client.reader.read_exact(&mut picture).unwrap();
+                assert_eq!(picture, support::picture(Layer::Color));
+                pictures += 1;
+            }
+        }
+        assert_eq!(heard, [2 * round, 2 * round + 1]);
+    }
+
+    // Another subscription takes the place of the first, and who has asked for nothing has heard nothing.
+    assert!(client.ask(&json!({"id": 3, "op": "subscribe", "events": ["tracker"]})).get("ok").is_some());
+    events.tell(EventKind::Scene, scene(99));
+    assert_eq!(client.ask(&json!({"id": 4, "op": "hello"}))["id"], 4);
+    assert_eq!(other.ask(&json!({"id": 5, "op": "hello"}))["id"], 5);
+
+    // Who goes is forgotten.
+    drop((client, other));
+    let deadline = Instant::now() + Duration::from_secs(10);
+    while events.are_wanted(EventKind::Tracker) {
+        assert!(Instant::now() < deadline, "still subscribed");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_slow_subscriber_is_told_what_it_lost_and_a_deaf_one_is_dropped() {
+    let daemon = FakeDaemon::start();
+    let events = &daemon.engine.events;
+    let (mut slow, mut deaf) = (Client::connect(daemon.socket()), Client::connect(daemon.socket()));
+    for client in [&mut slow, &mut deaf] {
+        assert!(client.ask(&json!({"id": 1, "op": "subscribe", "events": ["scene"]})).get("ok").is_some());
+    }
+    // More than sockets and queues hold, and nobody who tells waits for either of them.
+    const TOLD: u64 = 40_000;
+    (0..TOLD).for_each(|revision| events.tell(EventKind::Scene, scene(revision)));
+
+    let (mut heard, mut lost, mut last) = (0, 0, None);
+    while heard + lost < TOLD {
+        let line = slow.receive().unwrap();
+        if line["event"] == "lost" {
+            lost += line["count"].as_u64().unwrap();
+        } else {
+            let revision = line["revision"].as_u64().unwrap();
+            assert_eq!(revision, heard + lost, "the gap is where it is said to be");
+            assert!(last.replace(revision).is_none_or(|last| last < revision));
+            heard += 1;
+        }
+    }
+    assert!(lost > 0 && heard > 2000, "{heard} heard, {lost} lost");
+
+    let deadline = Instant::now() + Duration::from_secs(15);
+    while deaf.stream.write_all(b" ").is_ok() {
+        assert!(Instant::now() < deadline, "still connected");
+        std::thread::sleep(Duration::from_millis(50));
+    }
 }
 
 #[test]

@@ -3,12 +3,14 @@
 
 mod support;
 
-use lantern_proto::{Edit, Layer, Pattern, PatternRequest, Role};
+use lantern_proto::event::{FrameEvent, SceneEvent, ShownPose};
+use lantern_proto::{Edit, Event, EventKind, Layer, Pattern, PatternRequest, Role};
 use serde_json::{Value, json};
-use std::io::Write;
+use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 use support::FakeDaemon;
 
 fn command(socket: &Path, arguments: &[&str]) -> Command {
@@ -68,6 +70,78 @@ fn watch_looks_again_and_again() {
     let text = good(daemon.socket(), &["watch", "--interval", "0.01", "--count", "2"]);
     assert_eq!(text.matches("lanternd 9.9.9").count(), 2);
     assert!(!text.contains('\x1b'), "what is no terminal is not cleared");
+}
+
+/// A `lanternctl` that runs on, and its lines as they come.
+struct Running {
+    child: Child,
+    lines: Lines<BufReader<ChildStdout>>,
+}
+
+impl Running {
+    fn start(socket: &Path, arguments: &[&str]) -> Self {
+        let mut child = command(socket, arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        Self { child, lines }
+    }
+
+    fn line(&mut self) -> String {
+        self.lines.next().unwrap().unwrap()
+    }
+}
+
+/// Waits until somebody has subscribed.
+fn subscribed(daemon: &FakeDaemon, kind: EventKind, wanted: bool) {
+    let deadline = Instant::now() + Duration::from_secs(10);
+    while daemon.engine.events.are_wanted(kind) != wanted {
+        assert!(Instant::now() < deadline, "subscribed: {}", !wanted);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn frame(number: u64) -> Event {
+    let pose = ShownPose { source: "optitrack".into(), sequence: Some(3), ..ShownPose::default() };
+    let poses = [("head".to_owned(), pose)].into();
+    Event::Frame(FrameEvent { projector: "left".into(), frame: number, poses, ..FrameEvent::default() })
+}
+
+#[test]
+fn watch_goes_on_with_a_daemon_that_is_started_again() {
+    let mut daemon = FakeDaemon::start();
+    let events = daemon.engine.events.clone();
+    let mut csv = Running::start(daemon.socket(), &["watch", "--csv", "-", "--count", "2"]);
+    assert!(csv.line().starts_with("frame,projector,revision,body,source,"));
+    subscribed(&daemon, EventKind::Frame, true);
+    events.tell(EventKind::Frame, frame(41));
+    assert!(csv.line().starts_with("41,left,0,head,optitrack,3,"));
+    let mut status = Running::start(daemon.socket(), &["watch", "--json", "--interval", "0.01"]);
+    assert!(status.line().contains("9.9.9"));
+
+    daemon.stop();
+    subscribed(&daemon, EventKind::Frame, false);
+    daemon.start_again();
+    subscribed(&daemon, EventKind::Frame, true);
+    events.tell(EventKind::Frame, frame(1));
+    assert!(csv.line().starts_with("1,left,"));
+    assert_eq!(csv.child.wait().unwrap().code(), Some(0));
+    for _ in 0..50 {
+        assert!(status.line().contains("9.9.9"));
+    }
+    status.child.kill().unwrap();
+    status.child.wait().unwrap();
+}
+
+#[test]
+fn watch_gives_up_a_daemon_that_does_not_come_back() {
+    let mut daemon = FakeDaemon::start();
+    let mut watch = Running::start(daemon.socket(), &["watch", "--events", "scene", "--patience", "0.1"]);
+    subscribed(&daemon, EventKind::Scene, true);
+    daemon.engine.events.tell(EventKind::Scene, Event::Scene(SceneEvent { revision: 9, frame: 1, nodes: 3 }));
+    assert_eq!(watch.line(), r#"{"event":"scene","revision":9,"frame":1,"nodes":3}"#);
+    daemon.stop();
+    assert_eq!(watch.child.wait().unwrap().code(), Some(3));
+    bad(daemon.socket(), &["watch"], 3);
+    assert!(bad(daemon.socket(), &["watch", "--events", "smell"], 2).contains("tracker"));
 }
 
 #[test]

@@ -7,6 +7,7 @@
 
 pub mod color;
 pub mod edit;
+pub mod event;
 pub mod parse;
 pub mod pose_packet;
 pub mod reply;
@@ -15,9 +16,10 @@ pub mod status;
 
 pub use color::{Color, ColorAlpha};
 pub use edit::{Add, Edit, Environment, Light, LightKind, Material, MeshRef, Remove, Role, Set, Vertices};
+pub use event::Event;
 pub use parse::{Refusal, parse_line};
 pub use pose_packet::{POSE_PACKET_BYTES, PosePacket, PosePacketError};
-pub use reply::{Applied, ErrorBody, Hello, Outcome, Reloaded, Reply, SceneGet, SnapshotHead};
+pub use reply::{Applied, ErrorBody, Hello, Outcome, Reloaded, Reply, SceneGet, SnapshotHead, Subscribed};
 pub use request::{EventKind, Id, Layer, Op, Pattern, PatternRequest, Pose, Request, SceneApply, Snapshot, Subscribe};
 pub use status::Status;
 

@@ -1,7 +1,7 @@
 //! What the daemon answers.
 
 use crate::edit::Edit;
-use crate::request::Id;
+use crate::request::{EventKind, Id};
 use serde::{Deserialize, Serialize};
 
 /// One line to a client. The bytes of a snapshot follow its line.
@@ -87,6 +87,13 @@ pub struct Applied {
 pub struct Reloaded {
     /// The scene's revision now.
     pub revision: u64,
+}
+
+/// `subscribe`'s answer: what is heard of from now on, instead of what was before.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Subscribed {
+    /// As they were asked for.
+    pub events: Vec<EventKind>,
 }
 
 /// `snapshot`'s answer, before its bytes.

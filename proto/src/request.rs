@@ -142,6 +142,22 @@ pub struct Subscribe {
     pub events: Vec<EventKind>,
 }
 
+impl EventKind {
+    /// All kinds.
+    pub const ALL: [Self; 5] = [Self::Frame, Self::Pose, Self::Scene, Self::Tracker, Self::Output];
+
+    /// The kind's name on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Frame => "frame",
+            Self::Pose => "pose",
+            Self::Scene => "scene",
+            Self::Tracker => "tracker",
+            Self::Output => "output",
+        }
+    }
+}
+
 /// What can be subscribed to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -153,6 +153,37 @@ pub struct ProjectorStatus {
     /// The number of the frame that is shown.
     #[serde(default)]
     pub frame: u64,
+    /// By body: how old its poses were on their way, over the last frames that showed them.
+    #[serde(default)]
+    pub latency_ms: BTreeMap<String, Latency>,
+}
+
+/// How old a body's poses were, when (see [`Ages`](crate::event::Ages)), ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Latency {
+    /// When they were received; null where the tracker does not say when they were measured, since ages count from here then.
+    pub received: Option<Percentiles>,
+    /// When the frame was submitted.
+    pub submitted: Percentiles,
+    /// When it was complete.
+    pub completed: Percentiles,
+    /// When it was presented; null where the platform does not tell.
+    pub presented: Option<Percentiles>,
+    /// Over how many frames.
+    pub frames: u64,
+}
+
+/// Percentiles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Percentiles {
+    /// Median.
+    pub p50: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Greatest.
+    pub max: f64,
 }
 
 /// A queue of the device.

@@ -3,7 +3,8 @@
 
 use lantern_proto::request::SceneApply;
 use lantern_proto::{
-    Applied, Edit, Hello, Op, Outcome, PosePacket, Reloaded, Reply, SceneGet, SnapshotHead, Status, parse_line,
+    Applied, Edit, Event, EventKind, Hello, Op, Outcome, PosePacket, Reloaded, Reply, SceneGet, SnapshotHead, Status,
+    Subscribed, parse_line,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -55,7 +56,8 @@ fn requests_are_requests_and_replies_are_theirs() {
                 Op::SceneApply(SceneApply { .. }) => is_exactly::<Applied>(ok),
                 Op::Snapshot(_) => is_exactly::<SnapshotHead>(ok),
                 Op::ConfigReload => is_exactly::<Reloaded>(ok),
-                Op::Pose(_) | Op::Subscribe(_) | Op::Pattern(_) => assert_eq!(ok, &serde_json::json!({})),
+                Op::Subscribe(_) => is_exactly::<Subscribed>(ok),
+                Op::Pose(_) | Op::Pattern(_) => assert_eq!(ok, &serde_json::json!({})),
             }
         }
     }
@@ -65,10 +67,11 @@ fn requests_are_requests_and_replies_are_theirs() {
 #[test]
 fn edits_and_status_are_what_they_say() {
     let count = |wanted| blocks().iter().filter(|(fence, _)| *fence == wanted).count();
-    assert_eq!((count("json edits"), count("json status")), (2, 1));
+    assert_eq!((count("json edits"), count("json status"), count("json event")), (2, 1, 5));
     for (fence, text) in blocks() {
         match fence {
             "json edits" => drop(serde_json::from_str::<Vec<Edit>>(text).unwrap()),
+            "json event" => is_exactly::<Event>(&serde_json::from_str(text).unwrap()),
             "json status" => is_exactly::<Status>(&serde_json::from_str(text).unwrap()),
             _ => {}
         }
@@ -83,12 +86,13 @@ fn first_cells(heading: &str) -> Vec<&'static str> {
 }
 
 #[test]
-fn every_op_and_layer_has_its_row() {
+fn every_op_layer_and_event_has_its_row() {
     let mut ops = first_cells("## The control socket\n");
     ops.sort_unstable();
     let mut names = Op::NAMES;
     names.sort_unstable();
     assert_eq!(ops, names);
+    assert_eq!(first_cells("### Events\n")[..EventKind::ALL.len()], EventKind::ALL.map(EventKind::as_str));
     assert_eq!(first_cells("### Snapshots\n"), lantern_proto::Layer::ALL.map(lantern_proto::Layer::as_str));
 }
 

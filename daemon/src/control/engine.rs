@@ -1,6 +1,12 @@
 //! What the control socket asks of the daemon.
 
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use lantern_proto::status::TrackerStatus;
 use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status};
+
+use super::events::Events;
 
 /// A file in memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,6 +27,12 @@ pub trait Engine: Send + Sync + 'static {
 
     /// How it goes, all of one moment.
     fn status(&self) -> Status;
+
+    /// The part of it that is about trackers.
+    fn trackers(&self) -> BTreeMap<String, TrackerStatus>;
+
+    /// What happens, for those who want to hear of it.
+    fn events(&self) -> &Arc<Events>;
 
     /// The scene as edits that rebuild it.
     fn scene_get(&self) -> SceneGet;

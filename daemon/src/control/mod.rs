@@ -1,6 +1,7 @@
 //! The control socket (CONTRACT, "Socket protocol"): one JSON object a line, over a Unix stream socket.
 //!
 //! - [`engine`]: what the socket asks of the daemon;
+//! - [`events`]: what subscribers hear of;
 //! - `listener`: the socket file, of which one daemon at a time is the owner;
 //! - `server`: accepting clients, no more than the limit;
 //! - `session`: one client, its requests in order;
@@ -10,11 +11,13 @@
 //! client never waits for another one's request, and no frame ever waits for a client.
 
 pub mod engine;
+pub mod events;
 mod line;
 mod listener;
 mod server;
 mod session;
 
 pub use engine::{Engine, Picture};
+pub use events::{Events, Subscription};
 pub use listener::{ControlError, Listener};
 pub use server::Server;

@@ -1,14 +1,20 @@
 //! One client: its requests in order, each answered before the next is read.
 //!
 //! So a client that asks faster than it reads holds up itself alone: what it has not read fills its own socket, and
-//! when that stays full it is dropped. The daemon keeps one request and one answer a client, never more.
+//! when that stays full it is dropped. The daemon keeps one request and one answer a client, and a bounded number of events
+//! where it has subscribed to any, never more.
 
 use super::engine::{Engine, Picture};
+use super::events::Subscription;
 use super::line::{Lines, Said, discard, write_all};
-use lantern_proto::{ErrorBody, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, parse_line};
+use lantern_proto::{
+    ErrorBody, EventKind, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, Subscribed,
+    parse_line,
+};
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::io;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::UnixStream;
@@ -30,12 +36,19 @@ pub(super) async fn serve(stream: UnixStream, engine: Arc<dyn Engine>) {
 
 async fn converse(stream: &UnixStream, engine: Arc<dyn Engine>) -> io::Result<()> {
     let mut lines = Lines::default();
+    let mut subscription = None;
     loop {
-        match lines.next(stream).await? {
+        match beside_events(stream, subscription.as_ref(), lines.next(stream)).await?? {
             Said::Line { bytes, with_files } => {
-                let (reply, picture) = answer(&bytes, with_files, engine.clone()).await;
+                let answered = answer(&bytes, with_files, engine.clone());
+                let (reply, rest) = beside_events(stream, subscription.as_ref(), answered).await?;
                 write_all(stream, &line_of(&reply)).await?;
-                write_all(stream, &picture).await?;
+                match rest {
+                    Rest::Nothing => {}
+                    Rest::Picture(bytes) => write_all(stream, &bytes).await?,
+                    // Of what was subscribed to before, nothing more is heard.
+                    Rest::Subscription(new) => subscription = Some(new),
+                }
             }
             Said::TooLong => {
                 let message =
@@ -47,6 +60,29 @@ async fn converse(stream: &UnixStream, engine: Arc<dyn Engine>) -> io::Result<()
                 return Ok(());
             }
             Said::End => return Ok(()),
+        }
+    }
+}
+
+/// Waits for something, and writes what the client hears of meanwhile.
+async fn beside_events<T>(
+    stream: &UnixStream,
+    subscription: Option<&Subscription>,
+    awaited: impl Future<Output = T>,
+) -> io::Result<T> {
+    let Some(subscription) = subscription else { return Ok(awaited.await) };
+    let mut awaited = pin!(awaited);
+    loop {
+        let event = tokio::select! {
+            done = &mut awaited => return Ok(done),
+            event = subscription.next() => event,
+        };
+        match serde_json::to_vec(&*event) {
+            Ok(mut line) => {
+                line.push(b'\n');
+                write_all(stream, &line).await?;
+            }
+            Err(error) => tracing::error!(%error, "an event cannot be written as JSON"),
         }
     }
 }
@@ -67,9 +103,18 @@ pub(super) fn line_of(reply: &Reply) -> Vec<u8> {
     line
 }
 
-/// The reply to a line, and the bytes that follow it.
-async fn answer(line: &[u8], with_files: bool, engine: Arc<dyn Engine>) -> (Reply, Vec<u8>) {
-    let refuse = |id: Option<Id>, error| (Reply { id, outcome: Outcome::Error(error) }, Vec::new());
+/// What comes of a request besides its reply.
+enum Rest {
+    Nothing,
+    /// Bytes that follow it.
+    Picture(Vec<u8>),
+    /// What the client hears of from then on.
+    Subscription(Subscription),
+}
+
+/// The reply to a line, and what comes of it besides.
+async fn answer(line: &[u8], with_files: bool, engine: Arc<dyn Engine>) -> (Reply, Rest) {
+    let refuse = |id: Option<Id>, error| (Reply { id, outcome: Outcome::Error(error) }, Rest::Nothing);
     let parsed = parse_line(line);
     if with_files {
         let id = match parsed {
@@ -85,7 +130,7 @@ async fn answer(line: &[u8], with_files: bool, engine: Arc<dyn Engine>) -> (Repl
         Err(Refusal { id, error }) => return refuse(id, error),
     };
     match tokio::task::spawn_blocking(move || perform(&*engine, op)).await {
-        Ok(Ok(Answer { value, picture })) => (Reply { id: Some(id), outcome: Outcome::Ok(value) }, picture),
+        Ok(Ok(Answer { value, rest })) => (Reply { id: Some(id), outcome: Outcome::Ok(value) }, rest),
         Ok(Err(error)) => refuse(Some(id), error),
         Err(error) => {
             tracing::error!(%error, "a request has failed inside");
@@ -96,7 +141,7 @@ async fn answer(line: &[u8], with_files: bool, engine: Arc<dyn Engine>) -> (Repl
 
 struct Answer {
     value: Value,
-    picture: Vec<u8>,
+    rest: Rest,
 }
 
 /// Asks the engine, which may block. What protocol 1 has and this version has not is refused.
@@ -113,10 +158,17 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
         Op::Snapshot(snapshot) => {
             let Picture { format, bytes } = engine.snapshot(&snapshot.projector, snapshot.layer)?;
             let head = SnapshotHead { bytes: bytes.len() as u64, format: format.to_owned() };
-            Ok(Answer { picture: bytes, ..plain(&head)? })
+            Ok(Answer { rest: Rest::Picture(bytes), ..plain(&head)? })
         }
-        Op::Subscribe(_) => {
-            Err(ErrorBody::new("not-built", "`subscribe` is not built yet; hint: poll `status`").at("op"))
+        Op::Subscribe(subscribe) => {
+            // Outputs that can be lost are not built, so that there is nothing to hear of any.
+            if let Some(place) = subscribe.events.iter().position(|kind| *kind == EventKind::Output) {
+                let message =
+                    "events `output` are not built yet, since no output that is can be lost; hint: leave them out";
+                return Err(ErrorBody::new("not-built", message).at(format!("events[{place}]")));
+            }
+            let rest = Rest::Subscription(engine.events().subscribe(&subscribe.events));
+            Ok(Answer { rest, ..plain(&Subscribed { events: subscribe.events })? })
         }
         Op::Pattern(pattern) => {
             engine.pattern(&pattern)?;
@@ -129,5 +181,5 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
 fn plain(value: &impl Serialize) -> Result<Answer, ErrorBody> {
     let value = serde_json::to_value(value)
         .map_err(|error| ErrorBody::new("internal", format!("the reply cannot be written as JSON: {error}")))?;
-    Ok(Answer { value, picture: Vec::new() })
+    Ok(Answer { value, rest: Rest::Nothing })
 }

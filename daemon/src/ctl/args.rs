@@ -1,6 +1,7 @@
 //! What can be asked, and the help that teaches it.
 
 use clap::{Args, Parser, Subcommand};
+use lantern_proto::EventKind;
 use std::ffi::OsString;
 use std::path::PathBuf;
 
@@ -43,11 +44,20 @@ pub(super) enum Command {
   lanternctl status --json | jq .projectors.left.frame_ms.p95")]
     Status,
 
-    /// Show the status live, until Ctrl-C
-    #[command(after_help = "Examples:
+    /// Show the status live, or what happens as it does, until Ctrl-C
+    #[command(after_help = "Goes on when the daemon is started again.
+
+Columns of --csv, a line for each frame, projector and body: how old the body's pose was when it was measured,
+received, submitted, complete and presented, ms, since its measurement where the tracker says when that was,
+else since its receipt; predicted_ms, how far ahead of its measurement it is shown; lost, how many frames are
+missing before the line because this program was too slow.
+
+Examples:
   lanternctl watch
   lanternctl watch --interval 0.2
-  lanternctl watch --json --count 60 > minute.jsonl")]
+  lanternctl watch --json --count 60 > minute.jsonl
+  lanternctl watch --events frame,tracker
+  lanternctl watch --csv latency.csv")]
     Watch(Watch),
 
     /// Read or change the scene
@@ -110,9 +120,21 @@ pub(super) struct Watch {
     #[arg(long, value_name = "SECONDS", default_value_t = 1.0, value_parser = interval)]
     pub(super) interval: f64,
 
-    /// Stop after so many looks
+    /// Stop after so many looks, events or frames
     #[arg(long, value_name = "N")]
     pub(super) count: Option<u64>,
+
+    /// Print events instead, a line of JSON each: frame, pose, scene, tracker
+    #[arg(long, value_name = "EVENTS", value_delimiter = ',', value_parser = EventKind::ALL.map(EventKind::as_str))]
+    pub(super) events: Vec<String>,
+
+    /// Write a line for each frame into a file instead: how old its poses were; `-` is standard output
+    #[arg(long, value_name = "FILE", conflicts_with = "events")]
+    pub(super) csv: Option<PathBuf>,
+
+    /// How long to wait for a daemon that has gone to come back, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = patience)]
+    pub(super) patience: f64,
 }
 
 #[derive(Debug, Subcommand)]
@@ -214,6 +236,10 @@ fn finite(text: &str) -> Result<f64, String> {
 
 fn interval(text: &str) -> Result<f64, String> {
     finite(text).ok().filter(|s| (0.01..=3600.0).contains(s)).ok_or_else(|| "not from 0.01 to 3600 seconds".to_owned())
+}
+
+fn patience(text: &str) -> Result<f64, String> {
+    finite(text).ok().filter(|s| (0.0..=1e6).contains(s)).ok_or_else(|| "not from 0 to 1000000 seconds".to_owned())
 }
 
 #[cfg(test)]

@@ -60,6 +60,26 @@ impl Client {
         }
     }
 
+    /// From now on, waits for as long as nothing is said.
+    ///
+    /// # Errors
+    /// [`Failure::Lost`] where the system will not have it.
+    pub(super) fn wait_for_ever(&mut self) -> Result<(), Failure> {
+        self.reader.get_ref().set_read_timeout(None).map_err(|error| lost(&error))
+    }
+
+    /// The next line, such as an event, with its end.
+    ///
+    /// # Errors
+    /// [`Failure::Lost`] where there is none.
+    pub(super) fn line(&mut self) -> Result<String, Failure> {
+        let mut line = String::new();
+        if self.reader.read_line(&mut line).map_err(|error| lost(&error))? == 0 {
+            return Err(Failure::Lost("it hung up".to_owned()));
+        }
+        Ok(line)
+    }
+
     /// The bytes that follow an answer.
     ///
     /// # Errors

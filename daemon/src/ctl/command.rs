@@ -1,18 +1,13 @@
 //! From arguments to requests, and from answers to text.
 
-use super::args::{Apply, Arguments, Command, Load, Pose, Scene, Snapshot, Watch};
+use super::args::{Apply, Arguments, Command, Load, Pose, Scene, Snapshot};
 use super::client::Client;
-use super::{Failure, table};
+use super::{Failure, print, read, table, watch};
 use crate::socket_path;
 use lantern_proto::{Applied, SnapshotHead};
-use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use std::io::{IsTerminal, Read, Write};
+use std::io::{Read, Write};
 use std::path::Path;
-use std::time::Duration;
-
-/// Clears the screen and goes to its upper left corner.
-const CLEAR: &str = "\x1b[H\x1b[2J\x1b[3J";
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // What cannot be asked is said before anyone is asked.
@@ -20,7 +15,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = socket_path::resolve(arguments.socket.as_deref(), None).map_err(|e| Failure::Usage(e.to_string()))?;
     let mut client = Client::connect(&path)?;
     if let Command::Watch(watch) = &arguments.command {
-        return self::watch(&mut client, watch, arguments.json);
+        return watch::watch(&path, client, watch, arguments.json);
     }
     let answer = client.ask(request)?;
 
@@ -112,21 +107,6 @@ fn absolute(uri: &str) -> String {
     full.and_then(|path| path.into_os_string().into_string().ok()).unwrap_or_else(|| uri.to_owned())
 }
 
-fn watch(client: &mut Client, watch: &Watch, json: bool) -> Result<(), Failure> {
-    let redraw = !json && std::io::stdout().is_terminal();
-    let mut looks = 0;
-    loop {
-        let answer = client.ask(json!({"op": "status"}))?;
-        let text = if json { format!("{answer}\n") } else { table::status(&read(answer)?) };
-        print(&if redraw { format!("{CLEAR}{text}") } else { text })?;
-        looks += 1;
-        if watch.count.is_some_and(|count| looks >= count) {
-            return Ok(());
-        }
-        std::thread::sleep(Duration::from_secs_f64(watch.interval));
-    }
-}
-
 fn save(client: &mut Client, snapshot: &Snapshot, answer: &Value, json: bool) -> Result<(), Failure> {
     let SnapshotHead { bytes: count, .. } = read(answer.clone())?;
     let bytes = client.bytes(count)?;
@@ -146,15 +126,4 @@ fn edits_text(answer: &Value) -> String {
     let edits = answer["edits"].as_array().map(Vec::as_slice).unwrap_or_default();
     let lines: Vec<_> = edits.iter().map(Value::to_string).collect();
     format!("[{}]\n", lines.join(",\n "))
-}
-
-fn read<T: DeserializeOwned>(answer: Value) -> Result<T, Failure> {
-    serde_json::from_value(answer).map_err(|error| Failure::Lost(format!("its answer is of another version: {error}")))
-}
-
-fn print(text: &str) -> Result<(), Failure> {
-    let mut stdout = std::io::stdout().lock();
-    stdout.write_all(text.as_bytes())?;
-    stdout.flush()?;
-    Ok(())
 }

@@ -3,14 +3,21 @@
 //! - `args`: what can be asked, and the help that teaches it;
 //! - `client`: the socket's other end;
 //! - `command`: from arguments to requests, and from answers to text;
+//! - `watch`: the status live, and events;
+//! - `csv`: frames as lines of a file;
 //! - `table`: `status` for people.
 
 mod args;
 mod client;
 mod command;
+mod csv;
 mod table;
+mod watch;
 
 use clap::Parser;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Parses the command line, does what it says, and tells by the exit code how it went: 0 done, 1 the daemon refused,
@@ -51,6 +58,18 @@ enum Failure {
     /// Standard output.
     #[error("cannot write: {0}")]
     Output(#[from] std::io::Error),
+}
+
+/// An answer's value.
+fn read<T: DeserializeOwned>(answer: Value) -> Result<T, Failure> {
+    serde_json::from_value(answer).map_err(|error| Failure::Lost(format!("its answer is of another version: {error}")))
+}
+
+fn print(text: &str) -> Result<(), Failure> {
+    let mut stdout = std::io::stdout().lock();
+    stdout.write_all(text.as_bytes())?;
+    stdout.flush()?;
+    Ok(())
 }
 
 impl Failure {

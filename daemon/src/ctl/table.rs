@@ -3,7 +3,7 @@
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 use lantern_proto::Status;
-use lantern_proto::status::{BodyStatus, ProjectorStatus, TrackerStatus};
+use lantern_proto::status::{BodyStatus, Latency, Percentiles, ProjectorStatus, TrackerStatus};
 
 /// A few lines and a table for bodies, trackers and projectors each, as far as there are any.
 pub(super) fn status(status: &Status) -> String {
@@ -36,6 +36,11 @@ pub(super) fn status(status: &Status) -> String {
     let projectors = status.projectors.iter().map(|(name, projector)| projector_row(name, projector));
     let header = ["projector", "pixels", "output", "frames", "missed", "frame, ms: p50 p95 max", "stages, ms", "queue"];
     text.push_str(&table(header, &[3, 4, 5], projectors));
+    let latencies = status.projectors.iter().flat_map(|(projector, of)| {
+        of.latency_ms.iter().map(move |(body, latency)| latency_row(projector, body, latency))
+    });
+    let header = ["projector", "body", "heard, ms: p50 p95 p99 max", "submitted", "complete", "presented", "frames"];
+    text.push_str(&table(header, &[2, 3, 4, 5, 6], latencies));
     text
 }
 
@@ -88,6 +93,22 @@ fn projector_row(name: &str, projector: &ProjectorStatus) -> [String; 8] {
         format!("{:.1} {:.1} {:.1}", times.p50, times.p95, times.max),
         stages.join(", "),
         format!("{}.{}{}", queue.family, queue.index, if queue.shared { " shared" } else { "" }),
+    ]
+}
+
+/// How old a body's poses were on their way.
+fn latency_row(projector: &str, body: &str, latency: &Latency) -> [String; 7] {
+    let of = |of: Option<Percentiles>| {
+        of.map(|p| format!("{:.1} {:.1} {:.1} {:.1}", p.p50, p.p95, p.p99, p.max)).unwrap_or_default()
+    };
+    [
+        projector.to_owned(),
+        body.to_owned(),
+        of(latency.received),
+        of(Some(latency.submitted)),
+        of(Some(latency.completed)),
+        of(latency.presented),
+        latency.frames.to_string(),
     ]
 }
 

@@ -1,5 +1,6 @@
 //! The control socket's operations.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,7 +9,7 @@ use std::time::{Duration, Instant};
 use glam::{DQuat, DVec3};
 use lantern_config::Config;
 use lantern_gpu::{Device, Instance};
-use lantern_proto::status::{DeviceStatus, ProjectorStatus, QueueStatus, SceneStatus};
+use lantern_proto::status::{DeviceStatus, ProjectorStatus, QueueStatus, SceneStatus, TrackerStatus};
 use lantern_proto::{
     Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pattern, PatternRequest, Pose, Reloaded, SceneGet, Status,
 };
@@ -21,7 +22,7 @@ use super::frames::{Links, lock_editor};
 use super::setup;
 use super::shared::{Lease, Request};
 use super::state::Store;
-use crate::control::{Engine, Picture};
+use crate::control::{Engine, Events, Picture};
 use crate::encode;
 
 /// Longer than any frame: an answer that does not come by then never will.
@@ -233,6 +234,7 @@ impl Engine for DaemonEngine {
                 gpu_bytes: seen.gpu_bytes,
                 revision: seen.revision,
                 frame: seen.frame,
+                latency_ms: self.links.ledger.latency(&projector.name),
             };
             (projector.name.clone(), status)
         });
@@ -256,9 +258,17 @@ impl Engine for DaemonEngine {
                 origin_m: scene.origin_m.to_array(),
             },
             bodies: self.links.bodies.status(),
-            trackers: lock(&self.trackers).status(),
+            trackers: self.trackers(),
             projectors: projectors.collect(),
         }
+    }
+
+    fn trackers(&self) -> BTreeMap<String, TrackerStatus> {
+        lock(&self.trackers).status()
+    }
+
+    fn events(&self) -> &Arc<Events> {
+        &self.links.events
     }
 
     fn scene_get(&self) -> SceneGet {
@@ -398,6 +408,9 @@ impl Engine for DaemonEngine {
         *editor = next;
         drop(editor);
         self.links.bodies.configure(&config.bodies);
+        let projectors: Vec<_> = config.projectors.iter().map(|projector| projector.name.as_str()).collect();
+        let bodies: Vec<_> = config.bodies.iter().map(|body| body.name.as_str()).collect();
+        self.links.ledger.keep(&projectors, &bodies);
         *self.config() = config;
 
         // What was kept belongs to the scene section that has gone.

@@ -1,21 +1,23 @@
 //! The frame thread: it alone talks to the device, sleeps while nothing changes, and shows one snapshot on all projectors.
 
-use std::cell::RefCell;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use glam::DVec3;
-use lantern_config::Drives;
 use lantern_gpu::Device;
-use lantern_render::{FrameReport, Pattern, ProjectorSpec, RenderError, Renderer, Settings};
-use lantern_scene::{Editor, Place, Scene};
-use lantern_tracking::{Bodies, Placed};
+use lantern_proto::EventKind;
+use lantern_proto::event::{Event, FrameEvent, SceneEvent};
+use lantern_render::{Pattern, ProjectorSpec, RenderError, Renderer, Settings};
+use lantern_scene::{Editor, Scene};
+use lantern_tracking::Bodies;
 
-use super::lead::Lead;
+use super::ledger::{Ledger, shown_poses};
+use super::monotonic;
 use super::shared::{Lease, Request, Shared, Turn};
+use super::sight::{Frame, Sight};
 use super::stats::Stats;
+use crate::control::Events;
 use crate::output::Headless;
 
 /// What the frame thread renders, and for whom.
@@ -41,6 +43,10 @@ pub struct Links {
     pub bodies: Arc<Bodies>,
     /// Where frames are counted.
     pub stats: Arc<Stats>,
+    /// How old the poses of frames were.
+    pub ledger: Arc<Ledger>,
+    /// Who wants to hear of frames and revisions.
+    pub events: Arc<Events>,
     /// Makes revisions; the frame thread uses it only when nobody else does.
     pub editor: Arc<Mutex<Editor>>,
 }
@@ -81,27 +87,18 @@ struct FrameThread {
     links: Links,
     /// The clock of the fastest projector: all projectors of a frame share one.
     clock: Headless,
-    /// When the light of frames leaves.
-    lead: Lead,
+    /// How frames see the bodies.
+    sight: Sight,
     /// Stop when every projector has shown so many.
     frames: Option<u64>,
     /// Frames of the whole set so far.
     frame: u64,
     /// The last refresh that counted as a picture that stayed.
     counted_refresh: u64,
-    /// Whether bodies have yet to move their nodes, because an edit in the making has the editor.
-    behind: bool,
-    /// Whether a body was predicted to move on by itself when that was last asked.
-    moving: bool,
+    /// The last revision that subscribers were told of.
+    told_revision: u64,
     /// What is brought to the device ahead of revisions made of it.
     prepared: Vec<Prepared>,
-}
-
-/// A frame that was rendered.
-struct Frame {
-    report: FrameReport,
-    /// The bodies as they were read for it.
-    placed: Vec<Placed>,
 }
 
 /// A scene that is to be on the device before a revision is made of it.
@@ -118,7 +115,7 @@ fn clock_of(refresh_hz: &[f64]) -> Headless {
 
 impl FrameThread {
     fn new(device: Arc<Device>, setup: Setup, links: Links, frames: Option<u64>) -> Result<Self, RenderError> {
-        let (clock, lead) = (clock_of(&setup.refresh_hz), Lead::new(setup.output_latency));
+        let (clock, sight) = (clock_of(&setup.refresh_hz), Sight::new(links.bodies.clone(), setup.output_latency));
         let renderer = Renderer::new(&device, setup.projectors, setup.settings, setup.scene)?;
         links.stats.set_projectors(&renderer);
         Ok(Self {
@@ -126,22 +123,21 @@ impl FrameThread {
             renderer,
             links,
             clock,
-            lead,
+            sight,
             frames,
             frame: 0,
             counted_refresh: 0,
-            behind: false,
-            moving: false,
+            told_revision: 0,
             prepared: Vec::new(),
         })
     }
 
     fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Ended {
         loop {
-            // Asleep until something changes; where frames are counted, a node has yet to follow its body, or a body is predicted
-            // to move on, until the next refresh at the latest; and not at all while something is on its way to the device.
+            // Asleep until something changes; where frames are counted or bodies go on moving, until the next refresh at the latest;
+            // and not at all while something is on its way to the device.
             let now = Instant::now();
-            let wakes = self.frames.is_some() || self.behind || self.is_moving(now);
+            let wakes = self.sight.is_restless(now) || self.frames.is_some();
             let until =
                 if self.renderer.is_uploading() { Some(now) } else { wakes.then(|| self.clock.next_refresh(now)) };
             let turn = self.links.shared.wait(until);
@@ -159,7 +155,11 @@ impl FrameThread {
     /// One frame, where anything is stale, and then the requests.
     fn turn(&mut self, turn: Turn) -> Ended {
         let began = Instant::now();
-        let scene = self.place_bodies(began).unwrap_or(turn.scene);
+        let moved = self.sight.place_nodes(&self.links.editor, began);
+        if let Some(scene) = &moved {
+            self.links.shared.publish_shown(scene);
+        }
+        let scene = moved.unwrap_or(turn.scene);
         let revision = scene.revision;
         let before = self.renderer.scene().clone();
         self.renderer.set_scene(scene);
@@ -167,6 +167,7 @@ impl FrameThread {
             Ok(rendered) => {
                 // Perhaps still the one before: then whoever waits for this one goes on doing so.
                 self.links.shared.shown(self.renderer.scene().revision, Ok(self.frame));
+                self.tell_of_revision();
                 rendered
             }
             Err(error) => {
@@ -213,7 +214,7 @@ impl FrameThread {
 
     /// Renders what is stale, and counts it; false where nothing was.
     fn show(&mut self, began: Instant) -> Result<bool, RenderError> {
-        let frame = render(&mut self.renderer, &self.links.bodies, &self.lead)?;
+        let frame = self.sight.render(&mut self.renderer, began)?;
         if let Some(frame) = &frame {
             self.count(frame, began);
         } else {
@@ -226,48 +227,49 @@ impl FrameThread {
         Ok(frame.is_some())
     }
 
-    /// Whether a body is predicted to move on by itself. Once none is, one more frame shows where they rest.
-    fn is_moving(&mut self, now: Instant) -> bool {
-        let before = std::mem::replace(&mut self.moving, self.links.bodies.are_moving(now));
-        before || self.moving
-    }
-
-    /// Moves the nodes that bodies drive, and gives the revision in which they stand there. Where an edit in the making has the
-    /// editor, the nodes follow at a later refresh.
-    fn place_bodies(&mut self, began: Instant) -> Option<Arc<Scene>> {
-        let mut placed = self.links.bodies.placed(self.lead.light_of_frame(began), began);
-        placed.retain(|placed| place(placed).is_some());
-        self.behind = false;
-        if placed.is_empty() {
-            return None;
-        }
-        let mut editor = match self.links.editor.try_lock() {
-            Ok(editor) => editor,
-            Err(std::sync::TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
-            Err(std::sync::TryLockError::WouldBlock) => {
-                self.behind = true;
-                return None;
-            }
-        };
-        let places: Vec<_> = placed.iter().filter_map(place).collect();
-        let scene = editor.place_all(&places);
-        drop(editor);
-        self.links.shared.publish_shown(&scene);
-        Some(scene)
-    }
-
     fn count(&mut self, frame: &Frame, began: Instant) {
         let report = &frame.report;
         self.frame += 1;
-        if let Some(completed) = report.projectors.iter().map(|p| p.completed).max() {
-            self.lead.completed(began, report.read, completed);
-        }
         // Refreshes that passed while the frame was made, but for the one that it was made for.
         let passed = self.clock.refreshes(Instant::now()).saturating_sub(self.clock.refreshes(began));
         let names: Vec<_> = self.renderer.projectors().map(|p| p.name.as_str()).collect();
         let reports: Vec<_> = report.projectors.iter().map(|p| (names[p.projector], p)).collect();
-        self.links.stats.rendered(&reports, self.frame, report.revision, passed.saturating_sub(1));
-        tracing::trace!(frame = self.frame, revision = report.revision, poses = ?frame.placed, "frame");
+        let missed = passed.saturating_sub(1);
+        self.links.stats.rendered(&reports, self.frame, report.revision, missed);
+        for (projector, of) in reports {
+            let poses = shown_poses(&frame.placed, report.submitted, of.completed);
+            self.links.ledger.record(projector, &poses);
+            self.tell(EventKind::Frame, || {
+                Event::Frame(FrameEvent {
+                    projector: projector.to_owned(),
+                    frame: self.frame,
+                    revision: report.revision,
+                    missed,
+                    frame_ms: of.frame_ms,
+                    submitted_s: monotonic::seconds(report.submitted),
+                    completed_s: monotonic::seconds(of.completed),
+                    light_s: monotonic::seconds(frame.light),
+                    poses,
+                })
+            });
+        }
+        tracing::trace!(frame = self.frame, revision = report.revision, "frame");
+    }
+
+    /// Tells of the revision that is shown, once of each.
+    fn tell_of_revision(&mut self) {
+        let scene = self.renderer.scene();
+        let (revision, nodes) = (scene.revision, scene.nodes.len() as u64);
+        if std::mem::replace(&mut self.told_revision, revision) != revision {
+            self.tell(EventKind::Scene, || Event::Scene(SceneEvent { revision, frame: self.frame, nodes }));
+        }
+    }
+
+    /// Tells subscribers, if there are any.
+    fn tell(&self, kind: EventKind, event: impl FnOnce() -> Event) {
+        if self.links.events.are_wanted(kind) {
+            self.links.events.tell(kind, event());
+        }
     }
 
     fn serve(&mut self, request: Request) {
@@ -283,7 +285,7 @@ impl FrameThread {
             Request::Room { projector, reply } => {
                 let of = self.renderer.projectors().find(|p| p.name == projector);
                 let size_px = of.map(|p| p.calibration.resolution_px().to_array());
-                let room = match (eyes(&look(&self.links.bodies, &self.lead)).first(), size_px) {
+                let room = match (self.sight.eyes().first(), size_px) {
                     (Some(eye), Some(size_px)) => self.renderer.room(*eye, size_px).map_err(|e| e.to_string()),
                     (None, _) => Err("no body drives the viewer any more".into()),
                     (_, None) => Err(format!("the projector `{projector}` has gone")),
@@ -320,17 +322,17 @@ impl FrameThread {
     /// Takes another setup and shows it, or keeps the old one where the new one cannot be made or shown.
     fn reconfigure(&mut self, setup: Setup) -> Ended {
         let began = Instant::now();
-        self.lead.set_output_latency(setup.output_latency);
+        self.sight.set_output_latency(setup.output_latency);
         let frame = if setup.settings == *self.renderer.settings() {
             let before = (self.renderer.projectors().cloned().collect(), self.renderer.scene().clone());
-            let taken = self.take(setup.projectors, setup.scene);
+            let taken = self.take(setup.projectors, setup.scene, began);
             if taken.as_ref().is_err_and(|error| !is_fatal(error)) {
-                self.take(before.0, before.1)?;
+                self.take(before.0, before.1, began)?;
             }
             taken?
         } else {
             let mut renderer = Renderer::new(&self.device, setup.projectors, setup.settings, setup.scene)?;
-            let frame = render(&mut renderer, &self.links.bodies, &self.lead)?;
+            let frame = self.sight.render(&mut renderer, began)?;
             self.renderer = renderer;
             // What was brought to the device for others has gone with the old one.
             self.renderer.prepare(self.prepared.iter().map(|prepared| prepared.scene.clone()).collect())?;
@@ -343,16 +345,22 @@ impl FrameThread {
         if let Some(frame) = frame {
             self.count(&frame, began);
         }
+        self.tell_of_revision();
         Ok(())
     }
 
     /// Shows a scene on these projectors.
-    fn take(&mut self, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>) -> Result<Option<Frame>, RenderError> {
+    fn take(
+        &mut self,
+        projectors: Vec<ProjectorSpec>,
+        scene: Arc<Scene>,
+        began: Instant,
+    ) -> Result<Option<Frame>, RenderError> {
         self.renderer.set_projectors(projectors)?;
         self.renderer.set_scene(scene);
-        let mut frame = render(&mut self.renderer, &self.links.bodies, &self.lead)?;
+        let mut frame = self.sight.render(&mut self.renderer, began)?;
         while self.renderer.is_pending() {
-            frame = render(&mut self.renderer, &self.links.bodies, &self.lead)?.or(frame);
+            frame = self.sight.render(&mut self.renderer, began)?.or(frame);
         }
         Ok(frame)
     }
@@ -362,41 +370,6 @@ impl FrameThread {
 fn is_fatal(error: &RenderError) -> bool {
     use lantern_gpu::GpuError::{DeviceLost, Timeout};
     matches!(error, RenderError::Gpu(DeviceLost { .. } | Timeout { .. }))
-}
-
-/// Renders what is stale for the bodies as they will be when its light leaves.
-fn render(renderer: &mut Renderer, bodies: &Bodies, lead: &Lead) -> Result<Option<Frame>, RenderError> {
-    // The renderer looks twice, and shows what it sees last.
-    let seen = RefCell::default();
-    let report = renderer.render(|| {
-        let placed = look(bodies, lead);
-        let eyes = eyes(&placed);
-        *seen.borrow_mut() = placed;
-        eyes
-    })?;
-    Ok(report.map(|report| Frame { report, placed: seen.into_inner() }))
-}
-
-/// Where a body holds its node, if it drives one.
-fn place(placed: &Placed) -> Option<Place<'_>> {
-    match &placed.drives {
-        Drives::Node(node) => {
-            Some(Place { node, translation_m: placed.pose.driven_m(), rotation: placed.pose.orientation })
-        }
-        Drives::Viewer => None,
-    }
-}
-
-/// The bodies as they will be when the light of what is submitted now leaves.
-fn look(bodies: &Bodies, lead: &Lead) -> Vec<Placed> {
-    let now = Instant::now();
-    bodies.placed(lead.light_of_submission(now), now)
-}
-
-/// Where the eyes are, world frame, m.
-fn eyes(placed: &[Placed]) -> Vec<DVec3> {
-    let viewers = placed.iter().filter(|placed| placed.drives == Drives::Viewer);
-    viewers.map(|placed| placed.pose.driven_m()).collect()
 }
 
 /// Locks the editor; what a panicking edit left is the last published revision.

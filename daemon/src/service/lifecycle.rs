@@ -14,6 +14,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use super::background::Background;
 use super::engine::DaemonEngine;
 use super::frames::{self, Links};
+use super::hearsay;
 use super::panics;
 use super::setup::{self, Loaded};
 use super::shared::Shared;
@@ -142,8 +143,12 @@ fn serve(
         shared: shared.clone(),
         bodies,
         stats: Arc::new(Stats::default()),
+        ledger: Arc::default(),
+        events: Arc::default(),
         editor: Arc::new(Mutex::new(loaded.editor)),
     };
+
+    hearsay::of_bodies(&links.bodies, links.events.clone());
 
     // The first picture stands before anybody is told that the daemon is there.
     let setup = setup::setup(&loaded.config, loaded.projectors, scene);
@@ -160,6 +165,8 @@ fn serve(
     let engine = Arc::new(engine);
     let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
     tracing::info!(socket = %server.path().display(), "ready");
+
+    let watch = runtime.spawn(hearsay::of_trackers(engine.clone()));
 
     let Signals { mut terminate, mut interrupt, mut hang_up } = signals;
     let reloads = runtime.spawn(async move {
@@ -183,6 +190,7 @@ fn serve(
     tracing::info!("stopping");
     drop(server);
     reloads.abort();
+    watch.abort();
     shared.stop();
     let ended = match ended {
         Some(ended) => ended,

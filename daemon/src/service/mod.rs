@@ -4,6 +4,10 @@
 //! - [`setup`]: from the configuration to the parts;
 //! - [`frames`]: the frame thread, which alone talks to the device;
 //! - [`lead`]: when the light of the frame that is being made leaves;
+//! - [`hearsay`]: what subscribers are told of bodies and trackers;
+//! - [`sight`]: the bodies as frames show them;
+//! - [`ledger`]: how old their poses were;
+//! - [`monotonic`]: moments as other programs can read them;
 //! - [`shared`]: what other threads ask of it;
 //! - [`background`]: the thread for what takes long;
 //! - [`engine`]: the control socket's operations;
@@ -15,11 +19,15 @@
 pub mod background;
 pub mod engine;
 pub mod frames;
+pub mod hearsay;
 pub mod lead;
+pub mod ledger;
 pub mod lifecycle;
+pub mod monotonic;
 pub mod panics;
 pub mod setup;
 pub mod shared;
+pub mod sight;
 pub mod state;
 pub mod stats;
 pub mod vulkan;

@@ -2,9 +2,10 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests, where a failure is a failed test")]
 #![allow(dead_code, reason = "each test program uses its own part")]
 
-use lantern::control::{Engine, Listener, Picture, Server};
+use lantern::control::{Engine, Events, Listener, Picture, Server};
 use lantern_proto::status::{DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
 use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -18,6 +19,7 @@ pub(crate) struct FakeEngine {
     pub(crate) poses: Mutex<Vec<Pose>>,
     pub(crate) patterns: Mutex<Vec<PatternRequest>>,
     pub(crate) reload_fails: AtomicBool,
+    pub(crate) events: Arc<Events>,
 }
 
 /// What `snapshot` gives; with newlines and NULs, as pictures have.
@@ -46,17 +48,22 @@ impl Engine for FakeEngine {
                 ..SceneStatus::default()
             },
             bodies: [("head".to_owned(), Default::default())].into(),
-            trackers: [(
-                "optitrack".to_owned(),
-                TrackerStatus { last_reject: Some("63 bytes".into()), rejected: 1, ..TrackerStatus::default() },
-            )]
-            .into(),
+            trackers: self.trackers(),
             projectors: [(
                 "left".to_owned(),
                 ProjectorStatus { resolution_px: [1280, 800], ..ProjectorStatus::default() },
             )]
             .into(),
         }
+    }
+
+    fn trackers(&self) -> BTreeMap<String, TrackerStatus> {
+        let status = TrackerStatus { last_reject: Some("63 bytes".into()), rejected: 1, ..TrackerStatus::default() };
+        [("optitrack".to_owned(), status)].into()
+    }
+
+    fn events(&self) -> &Arc<Events> {
+        &self.events
     }
 
     fn scene_get(&self) -> SceneGet {
@@ -116,7 +123,7 @@ pub(crate) struct FakeDaemon {
     server: Option<Server>,
     pub(crate) engine: Arc<FakeEngine>,
     pub(crate) path: PathBuf,
-    _runtime: Runtime,
+    runtime: Runtime,
     folder: TempDir,
 }
 
@@ -133,7 +140,7 @@ impl FakeDaemon {
         let listener = Listener::bind(&path).unwrap();
         let server = Server::start(runtime.handle(), listener, engine.clone(), max_clients).unwrap();
         assert_eq!(server.path(), path);
-        Self { server: Some(server), engine, path, _runtime: runtime, folder }
+        Self { server: Some(server), engine, path, runtime, folder }
     }
 
     pub(crate) fn socket(&self) -> &Path {
@@ -142,6 +149,12 @@ impl FakeDaemon {
 
     pub(crate) fn stop(&mut self) {
         self.server = None;
+    }
+
+    /// At the same socket, with the same engine.
+    pub(crate) fn start_again(&mut self) {
+        let listener = Listener::bind(&self.path).unwrap();
+        self.server = Some(Server::start(self.runtime.handle(), listener, self.engine.clone(), 8).unwrap());
     }
 
     /// A path beside the socket's folder.

@@ -1,6 +1,6 @@
 //! The bodies and their latest poses, shared by those who hear and those who render.
 
-use crate::pose::{BodyPose, MAX_DISTANCE_M, NORM_TOLERANCE, Update};
+use crate::pose::{BodyPose, MAX_DISTANCE_M, NORM_TOLERANCE, SOURCE_CONFIG, Update};
 use crate::predict::Predictor;
 use glam::{DQuat, DVec3};
 use lantern_config::{Body, Drives};
@@ -11,11 +11,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The source of a pose that nobody has said yet.
-const SOURCE_CONFIG: &str = "config";
-
 /// Called after a body has changed, on the thread that changed it; it must not wait for anything.
 type Waker = Arc<dyn Fn() + Send + Sync>;
+
+/// Called with every pose that differs from the one before, after the waker and under the same terms.
+type Listener = Arc<dyn Fn(&str, &BodyPose) + Send + Sync>;
 
 /// A pose that was refused; nothing has changed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -75,6 +75,7 @@ pub struct Bodies {
     entries: Mutex<BTreeMap<String, Entry>>,
     generation: AtomicU64,
     waker: Mutex<Option<Waker>>,
+    listener: Mutex<Option<Listener>>,
 }
 
 impl fmt::Debug for Bodies {
@@ -86,7 +87,12 @@ impl fmt::Debug for Bodies {
 impl Bodies {
     /// Each body where the configuration has it.
     pub fn new(bodies: &[Body]) -> Self {
-        let this = Self { entries: Mutex::default(), generation: AtomicU64::new(0), waker: Mutex::default() };
+        let this = Self {
+            entries: Mutex::default(),
+            generation: AtomicU64::new(0),
+            waker: Mutex::default(),
+            listener: Mutex::default(),
+        };
         this.configure(bodies);
         this
     }
@@ -105,6 +111,11 @@ impl Bodies {
     /// Calls `waker` after every change from now on, instead of the one before.
     pub fn set_waker(&self, waker: Waker) {
         *self.waker.lock().unwrap_or_else(PoisonError::into_inner) = Some(waker);
+    }
+
+    /// Tells `listener` of every pose that is new from now on, instead of the one before.
+    pub fn set_listener(&self, listener: Listener) {
+        *self.listener.lock().unwrap_or_else(PoisonError::into_inner) = Some(listener);
     }
 
     /// Grows with each change of any pose; equal numbers mean equal poses.
@@ -192,11 +203,16 @@ impl Bodies {
         let same = before == (pose.position_m, pose.orientation, pose.velocity_m_s);
         // Whoever shows a body that moves by itself is awake as long as it did before, and has to hear if it goes on.
         let goes_on = entry.moves_until().is_some() && moved_until.is_none_or(|until| until <= received);
+        let pose = (!same).then(|| entry.pose.clone());
         drop(entries);
 
         // A tracker that says the same again, of a body at rest, wakes nobody: nothing has to be rendered anew.
         if !same || goes_on {
             self.changed();
+        }
+        let listener = self.listener.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        if let (Some(pose), Some(listener)) = (pose, listener) {
+            listener(body, &pose);
         }
         true
     }
@@ -252,7 +268,7 @@ pub(crate) fn is_place(position_m: DVec3) -> bool {
 
 fn entry(body: &Body, old: Option<Entry>, now: Instant) -> Entry {
     let offset_m = DVec3::from_array(body.offset_m);
-    let placed = old.filter(|old| &*old.pose.source != SOURCE_CONFIG);
+    let placed = old.filter(|old| old.pose.is_heard());
     if let Some(Entry { pose, predictor, .. }) = placed {
         return Entry { drives: body.drives.clone(), pose: BodyPose { offset_m, ..pose }, predictor };
     }

@@ -4,6 +4,9 @@ use glam::{DQuat, DVec3};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// The source of a pose that nobody has said yet.
+pub(crate) const SOURCE_CONFIG: &str = "config";
+
 /// The farthest from the world's origin that anything is believed to be, along each axis, m: beyond it single precision
 /// keeps nothing of a room.
 pub(crate) const MAX_DISTANCE_M: f64 = 1e8;
@@ -35,6 +38,11 @@ pub struct BodyPose {
 }
 
 impl BodyPose {
+    /// Whether anybody has said it, other than the configuration.
+    pub fn is_heard(&self) -> bool {
+        &*self.source != SOURCE_CONFIG
+    }
+
     /// What the body drives, the viewer's eye or a node's origin, in the world, m.
     pub fn driven_m(&self) -> DVec3 {
         self.position_m + self.orientation * self.offset_m
