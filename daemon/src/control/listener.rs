@@ -56,6 +56,13 @@ pub enum ControlError {
 pub struct Listener {
     socket: UnixListener,
     path: PathBuf,
+    /// What goes with it; nothing of a socket that was handed over, which is systemd's to remove.
+    own: Option<Own>,
+}
+
+/// A socket file of our own making.
+#[derive(Debug)]
+struct Own {
     /// The file's number, to know it from one that took its place.
     inode: u64,
     /// Locked as long as it is open. The file stays: to remove it would let two daemons hold two locks of one name.
@@ -113,7 +120,22 @@ impl Listener {
         let inode = std::fs::symlink_metadata(&new_path).map_err(system("look at", &new_path))?.ino();
         std::fs::rename(&new_path, path).map_err(system("rename the socket to", path))?;
         socket.set_nonblocking(true).map_err(system("set up", path))?;
-        Ok(Self { socket, path: path.to_owned(), inode, _lock: lock })
+        Ok(Self { socket, path: path.to_owned(), own: Some(Own { inode, _lock: lock }) })
+    }
+
+    /// Takes a socket that another has made and listens at, with whatever rights that one gave it.
+    ///
+    /// # Errors
+    /// [`ControlError::System`] where the system says nothing of it.
+    pub fn handed_over(socket: UnixListener) -> Result<Self, ControlError> {
+        let address = socket.local_addr().and_then(|address| {
+            socket.set_nonblocking(true)?;
+            Ok(address)
+        });
+        let system =
+            |source| ControlError::System { operation: "set up", path: "the socket of systemd".into(), source };
+        let path = address.map_err(system)?.as_pathname().unwrap_or(Path::new("(without a name)")).to_owned();
+        Ok(Self { socket, path, own: None })
     }
 
     /// Where it is.
@@ -129,7 +151,8 @@ impl Listener {
 
 impl Drop for Listener {
     fn drop(&mut self) {
-        let is_ours = std::fs::symlink_metadata(&self.path).is_ok_and(|metadata| metadata.ino() == self.inode);
+        let Some(own) = &self.own else { return };
+        let is_ours = std::fs::symlink_metadata(&self.path).is_ok_and(|metadata| metadata.ino() == own.inode);
         if is_ours && let Err(error) = std::fs::remove_file(&self.path) {
             tracing::warn!(socket = %self.path.display(), %error, "cannot remove the socket file");
         }

@@ -14,11 +14,16 @@ mod csv;
 mod table;
 mod watch;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::io::Write;
 use std::process::ExitCode;
+
+/// What it takes, for whoever writes pages of it.
+pub fn command() -> clap::Command {
+    args::Arguments::command()
+}
 
 /// Parses the command line, does what it says, and tells by the exit code how it went: 0 done, 1 the daemon refused,
 /// 2 bad usage, 3 no daemon there. Messages go to standard error.

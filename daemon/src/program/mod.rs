@@ -5,6 +5,7 @@ macro_rules! say {
     ($($line:tt)*) => { $crate::program::write_line(format_args!($($line)*)) };
 }
 
+pub mod args;
 pub mod bench;
 pub mod check;
 pub mod demo;

@@ -17,6 +17,7 @@ use super::monotonic;
 use super::shared::{Lease, Request, Shared, Turn};
 use super::sight::{Frame, Sight};
 use super::stats::Stats;
+use super::systemd::Watchdog;
 use crate::control::Events;
 use crate::output::Headless;
 
@@ -99,6 +100,7 @@ struct FrameThread {
     told_revision: u64,
     /// What is brought to the device ahead of revisions made of it.
     prepared: Vec<Prepared>,
+    watchdog: Watchdog,
 }
 
 /// A scene that is to be on the device before a revision is made of it.
@@ -129,22 +131,24 @@ impl FrameThread {
             counted_refresh: 0,
             told_revision: 0,
             prepared: Vec::new(),
+            watchdog: Watchdog::from_environment(),
         })
     }
 
     fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Ended {
         loop {
             // Asleep until something changes; where frames are counted or bodies go on moving, until the next refresh at the latest;
-            // and not at all while something is on its way to the device.
+            // and not at all while something is on its way to the device. The watchdog wants to hear of it now and then all the same.
             let now = Instant::now();
             let wakes = self.sight.is_restless(now) || self.frames.is_some();
             let until =
                 if self.renderer.is_uploading() { Some(now) } else { wakes.then(|| self.clock.next_refresh(now)) };
-            let turn = self.links.shared.wait(until);
+            let turn = self.links.shared.wait(until.into_iter().chain(self.watchdog.due()).min());
             if turn.stop {
                 return Ok(());
             }
             self.turn(turn)?;
+            self.watchdog.feed(Instant::now());
             let _ = first.try_send(Ok(()));
             if self.frames.is_some_and(|n| self.links.stats.fewest_frames() >= n) {
                 return Ok(());

@@ -20,6 +20,7 @@ use super::setup::{self, Loaded};
 use super::shared::Shared;
 use super::state::Store;
 use super::stats::Stats;
+use super::systemd;
 use super::vulkan::{open_device, open_vulkan};
 use crate::control;
 use crate::socket_path;
@@ -44,6 +45,7 @@ pub struct Options {
 /// Whatever keeps it from starting, or ends it.
 pub fn run(options: &Options) -> anyhow::Result<()> {
     panics::abort();
+    let handed_over = systemd::control_socket().context("the socket that systemd handed over")?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let signals = {
         let _guard = runtime.enter();
@@ -57,8 +59,13 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     }
 
     // The socket first: a second daemon must be refused before it touches anything that the first one uses.
-    let path = socket_path::resolve(options.socket.as_deref(), loaded.config.daemon.socket.as_deref())?;
-    let listener = control::Listener::bind(&path)?;
+    let listener = match handed_over {
+        Some(socket) => control::Listener::handed_over(socket)?,
+        None => {
+            let path = socket_path::resolve(options.socket.as_deref(), loaded.config.daemon.socket.as_deref())?;
+            control::Listener::bind(&path)?
+        }
+    };
 
     let store = loaded.config.daemon.state_dir.as_deref().map(Store::open).transpose()?;
     if let Some(store) = &store {
@@ -151,6 +158,7 @@ fn serve(
     hearsay::of_bodies(&links.bodies, links.events.clone());
 
     // The first picture stands before anybody is told that the daemon is there.
+    let shows = format!("{} projectors; {} nodes at the start", loaded.projectors.len(), scene.nodes.len());
     let setup = setup::setup(&loaded.config, loaded.projectors, scene);
     let (thread, ready) = frames::start(device.clone(), setup, links.clone(), options.frames)?;
     ready
@@ -165,6 +173,7 @@ fn serve(
     let engine = Arc::new(engine);
     let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
     tracing::info!(socket = %server.path().display(), "ready");
+    systemd::ready(&shows);
 
     let watch = runtime.spawn(hearsay::of_trackers(engine.clone()));
 
@@ -188,6 +197,7 @@ fn serve(
         }
     });
     tracing::info!("stopping");
+    systemd::stopping();
     drop(server);
     reloads.abort();
     watch.abort();

@@ -14,6 +14,7 @@
 //! - [`stats`]: what `status` says about frames;
 //! - [`panics`]: the end of a process that has a fault;
 //! - [`state`]: the scene across restarts;
+//! - [`systemd`]: what the service manager hears, and hands over;
 //! - [`vulkan`]: the instance and the device.
 
 pub mod background;
@@ -30,4 +31,5 @@ pub mod shared;
 pub mod sight;
 pub mod state;
 pub mod stats;
+pub mod systemd;
 pub mod vulkan;
