@@ -100,7 +100,7 @@ fn dependencies_are_explained_and_used() {
     for package in packages() {
         let folder = Path::new(text(&package["manifest_path"])).parent().unwrap();
         // A room's own files, without those of the rooms inside its folder.
-        let parts = ["src", "tests", "build.rs"].map(|part| folder.join(part));
+        let parts = ["src", "tests", "examples", "build.rs"].map(|part| folder.join(part));
         let files = parts.iter().flat_map(|part| if part.is_dir() { sources(part) } else { vec![part.clone()] });
         let code: String = files.filter_map(|file| fs::read_to_string(file).ok()).collect();
         for dependency in package["dependencies"].as_array().unwrap() {
