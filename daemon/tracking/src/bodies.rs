@@ -350,7 +350,7 @@ mod tests {
         let (source, start) = (Arc::from("optitrack"), Instant::now());
         let at = |ms: u64| start + Duration::from_millis(ms);
         let say = |x: f64, ms: u64, predict_lead| {
-            let timing = Timing { measured: Some(at(ms)), predict_lead };
+            let timing = Timing { measured: Some(at(ms)), predict_lead, ..Timing::default() };
             let update = Update { position_m: Some(DVec3::X * x), timing, ..Update::default() };
             bodies.apply("head", &update, &source, at(ms));
             bodies.generation()

@@ -67,10 +67,45 @@ impl Clock {
     }
 }
 
+/// Whether a sender's clock goes as ours does: timestamps in another unit, or of no clock at all, must not be taken for times.
+#[derive(Debug)]
+struct Pace {
+    /// A packet of a while ago, by its sender's clock and by ours.
+    before: Option<(u64, Instant)>,
+    is_ours: bool,
+}
+
+/// The paces are compared over this at least, …
+const PACE_TIME: Duration = Duration::from_secs(1);
+
+/// … in which time packets come early or late by less than this part.
+const PACE_SLACK: f64 = 0.3;
+
+impl Pace {
+    /// Whether a timestamp of now is to be believed: until a clock is found to go otherwise, it is.
+    fn is_ours(&mut self, measured_ns: u64, received: Instant, tracker: &str) -> bool {
+        let (before_ns, before) = *self.before.get_or_insert((measured_ns, received));
+        let passed = received.saturating_duration_since(before);
+        if passed >= PACE_TIME {
+            let theirs_s = Duration::from_nanos(measured_ns.saturating_sub(before_ns)).as_secs_f64();
+            let pace = theirs_s / passed.as_secs_f64();
+            let is_ours = (pace - 1.0).abs() < PACE_SLACK;
+            // A clock that was set shows once, too.
+            if self.is_ours && !is_ours {
+                tracing::warn!(tracker, pace, "its clock does not go as ours: its times are not used until it does");
+            }
+            (self.before, self.is_ours) = (Some((measured_ns, received)), is_ours);
+        }
+        self.is_ours
+    }
+}
+
 /// One tracker's clock, and what the configuration says of how old its poses are.
 #[derive(Debug)]
 pub(crate) struct Timekeeper {
+    tracker: String,
     clock: Clock,
+    pace: Pace,
     /// How old poses are at least when they are heard, where they are to be predicted.
     predict_lead: Option<Duration>,
 }
@@ -78,15 +113,18 @@ pub(crate) struct Timekeeper {
 impl Timekeeper {
     pub(crate) fn new(tracker: &Tracker) -> Self {
         let predict_lead = tracker.predict_lead_ms.map(|ms| Duration::from_secs_f64(ms / 1e3));
-        Self { clock: Clock::default(), predict_lead }
+        let pace = Pace { before: None, is_ours: true };
+        Self { tracker: tracker.name.clone(), clock: Clock::default(), pace, predict_lead }
     }
 
     /// The times of what was `received` now, and measured at `measured_ns` by its sender's clock, where that is said.
     pub(crate) fn timing(&mut self, measured_ns: Option<u64>, received: Instant) -> Timing {
         let lead = self.predict_lead.unwrap_or_default();
-        let fastest = measured_ns.map(|ns| self.clock.measured_at(ns, received));
+        let sender_ns = measured_ns.filter(|ns| self.pace.is_ours(*ns, received, &self.tracker));
+        let fastest = sender_ns.map(|ns| self.clock.measured_at(ns, received));
         Timing {
             measured: fastest.map(|fastest| fastest.checked_sub(lead).unwrap_or(fastest)),
+            sender_ns,
             predict_lead: self.predict_lead,
         }
     }
@@ -186,6 +224,36 @@ mod tests {
                 let bound_ns = if index < 5 { 5 * MS as i64 } else { 0 };
                 assert!((0..=bound_ns).contains(&error_ns), "after {step_ns}, packet {index}: {error_ns}");
             }
+        }
+    }
+
+    #[test]
+    fn a_clock_of_another_pace_is_not_believed() {
+        let start = Instant::now();
+        // Nanoseconds are believed; microseconds, a number that stands still, and nonsense are not.
+        type Said = fn(u64) -> u64;
+        let clocks: [(Said, bool); 4] = [
+            (|true_ns| 5_000_000_000 + true_ns, true),
+            (|true_ns| true_ns / 1000, false),
+            (|_| 7, false),
+            (|true_ns| true_ns.wrapping_mul(0x9e37_79b9_7f4a_7c15), false),
+        ];
+        for (said_ns, is_ours) in clocks {
+            let mut pace = Pace { before: None, is_ours: true };
+            for packet in 0..600u64 {
+                let true_ns = packet * 8 * MS;
+                let received = start + Duration::from_nanos(true_ns + packet * 7919 % 40 * MS);
+                let believed = pace.is_ours(said_ns(true_ns), received, "t");
+                assert!(believed == is_ours || packet < 150, "{is_ours}, packet {packet}");
+            }
+        }
+        // One that was set is believed again soon.
+        let mut pace = Pace { before: None, is_ours: true };
+        for packet in 0..1000u64 {
+            let true_ns = packet * 8 * MS;
+            let set_ns = if packet < 300 { 86_400_000 * MS } else { 0 };
+            let believed = pace.is_ours(set_ns + true_ns, start + Duration::from_nanos(true_ns), "t");
+            assert!(believed || (300..700).contains(&packet), "packet {packet}");
         }
     }
 

@@ -68,6 +68,8 @@ pub(crate) struct Update {
 pub(crate) struct Timing {
     /// When it was measured, where that is known.
     pub(crate) measured: Option<Instant>,
+    /// The same on the sender's own clock, ns, where that goes as ours does.
+    pub(crate) sender_ns: Option<u64>,
     /// Where poses are to be predicted: how old they are at least when they are heard.
     pub(crate) predict_lead: Option<Duration>,
 }

@@ -210,7 +210,7 @@ fn hear<T: Place>(channel: &mut Option<Channel<T>>, said: Option<T>, velocity: O
 impl Predictor {
     /// Takes what a tracker says that was `received`, and `measured` so.
     pub(crate) fn hear(&mut self, update: &Update, measured: Instant, received: Instant) {
-        let stamp = Stamp { measured, sender_ns: update.measured_ns, received };
+        let stamp = Stamp { measured, sender_ns: update.timing.sender_ns, received };
         hear(&mut self.position, update.position_m, update.velocity_m_s, stamp);
         hear(&mut self.orientation, update.orientation, None, stamp);
     }

@@ -1,6 +1,7 @@
 use super::*;
 use crate::clock::Clock;
 use crate::paths_tests::{Packet, Path, Random, Way};
+use crate::pose::Timing;
 use proptest::prelude::*;
 use std::sync::Arc;
 
@@ -27,13 +28,17 @@ fn at(start: Instant, seconds: f64) -> Instant {
     start + Duration::from_secs_f64(seconds)
 }
 
+fn stamped(sender_ns: Option<u64>) -> Timing {
+    Timing { sender_ns, ..Timing::default() }
+}
+
 fn update(packet: &Packet, says: Says) -> Update {
     Update {
         position_m: says.position.then_some(packet.place),
         orientation: says.orientation.then_some(packet.turn),
         velocity_m_s: says.velocity.then_some(packet.velocity),
         // The sender's clock began long before ours.
-        measured_ns: says.time.then_some(86_000_000_000_000 + (packet.measured_s * 1e9) as u64),
+        timing: stamped(says.time.then_some(86_000_000_000_000 + (packet.measured_s * 1e9) as u64)),
         ..Update::default()
     }
 }
@@ -126,7 +131,7 @@ impl Filter for Ours {
     fn hear(&mut self, packet: &Packet) {
         let update = update(packet, self.says);
         let received = at(self.start, packet.received_s);
-        let measured = update.measured_ns.map_or(received, |ns| self.clock.measured_at(ns, received)) - self.lead;
+        let measured = update.timing.sender_ns.map_or(received, |ns| self.clock.measured_at(ns, received)) - self.lead;
         self.predictor.hear(&update, measured, received);
         self.pose.position_m = update.position_m.unwrap_or(self.pose.position_m);
         self.pose.orientation = update.orientation.unwrap_or(self.pose.orientation);
@@ -339,7 +344,7 @@ fn a_pause_starts_anew_and_wrong_clocks_do_no_harm() {
         let received_s = 2.0 + f64::from(step) / 100.0;
         let update = Update {
             position_m: Some(DVec3::X * received_s),
-            measured_ns: Some(5 + step as u64 * 10_000_000),
+            timing: stamped(Some(5 + step as u64 * 10_000_000)),
             ..Update::default()
         };
         let received = at(ours.start, received_s);
@@ -390,7 +395,7 @@ proptest! {
                 position_m: (says != 1).then_some(DVec3::from_array(place)),
                 orientation: (says != 2).then_some(DQuat::from_scaled_axis(DVec3::from_array(turn))),
                 velocity_m_s: (says == 3).then_some(DVec3::from_array(place)),
-                measured_ns: Some(sender_ns),
+                timing: stamped(Some(sender_ns)),
                 ..Update::default()
             };
             let measured = clock.measured_at(sender_ns, now);
