@@ -28,10 +28,8 @@ layout(std140, binding = 12) uniform Frame {
     vec4 viewers[MAX_VIEWERS]; // eyes, m, relative to the origin
 } frame;
 
-// What decides where a shader goes. It is a storage block, though it is the same for all: lavapipe 22.3 makes a shader anew, and keeps
-// the old one, each time that a uniform block which a condition hangs on is bound; that would be some milliseconds and a megabyte a
-// pass and frame. So no condition may hang on `frame` alone.
-layout(std430, binding = 36) readonly buffer Setup {
+// What decides where a shader goes.
+struct GpuSetup {
     uvec2 environment_px;     // level 0
     uint viewer_count;
     uint light_count;
@@ -47,6 +45,14 @@ layout(std430, binding = 36) readonly buffer Setup {
     uint shade_once;          // 0: every sample of every pixel is shaded
     uint pattern;             // what is shown instead of the scene; one of the PATTERN_ constants
     uint environment_first;   // texel
-} setup;
+};
+
+// It is a storage block, though it is the same for all: lavapipe 22.3 makes a shader anew, and keeps the old one, each time that a uniform
+// block which a condition hangs on is bound; that would be some milliseconds and a megabyte a pass and frame. So no condition may hang on
+// `frame` alone.
+layout(std430, binding = 36) readonly buffer Setup { GpuSetup shared_setup; };
+
+// Each word of it is read once an invocation, and not at all where none asks: lavapipe reads storage blocks lane by lane.
+GpuSetup setup = shared_setup;
 
 #endif

@@ -227,7 +227,7 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
     vec![
         ("GpuFrustum", frustum),
         ("Frame", frame),
-        ("Setup", setup),
+        ("GpuSetup", setup),
         ("GpuTexture", texture),
         ("GpuMovedBox", moved),
         ("Counters", (counts, counts_size)),
