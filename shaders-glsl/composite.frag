@@ -33,6 +33,7 @@ void main() {
 
     // The ray of the sample that is closest, walked to its hit, and its depth there.
     vec2 at_px = vec2(pixel) + sample_offset(pixel, closest_sample(nearest));
+    own_ideal(at_px);
     vec3 origin, direction;
     float t_max;
     frustum_ray(frame.frustum, at_px, origin, direction, t_max);

@@ -1,10 +1,9 @@
-// A raster node's look: the same material model without any ray, hence without shadows or reflections.
+// A raster node's look and depth, for a projector without a lens.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
 #include "include/frame.glsl"
-#include "include/light.glsl"
-#include "include/weight.glsl"
+#include "include/raster_look.glsl"
 
 layout(push_constant) uniform Push {
     vec2 offset_px;
@@ -27,33 +26,7 @@ void main() {
     float t_max;
     frustum_ray(frame.frustum, at_px, origin, direction, t_max);
     turn_to(s, direction);
-    vec3 sum = under_coat(s) * s.emissive + diffuse_color(s) * irradiance_over_pi(s.normal);
-    for (uint i = 0u; i < setup.light_count; ++i) {
-        vec3 l;
-        float distance_m;
-        vec3 lux = light_at(light_of(i), s.position, l, distance_m);
-        float n_l = dot(s.normal, l);
-        if (n_l > 0.0) {
-            sum += lux * diffuse_color(s) * (n_l / PI);
-            vec3 v = normalize(frame.viewers[0].xyz - s.position);
-            if (setup.viewer_count > 0u && dot(s.normal, v) > 0.0) {
-                sum += lux * highlight(s.normal, v, l, s.roughness, base_fresnel(s, max(dot(v, normalize(v + l)), 0.0), false));
-            }
-        }
-    }
-
-    // Its share of the blend, with no regard to what stands between: no ray knows this node.
-    float mine = 1.0;
-    if (setup.blend != 0u) {
-        float total = 0.0;
-        for (uint i = 0u; i < setup.projector_count; ++i) {
-            float share = share_of(i, s.position, s.normal_geometric, false);
-            total += share;
-            mine = i == setup.projector_index ? share : mine;
-        }
-        mine = total > 0.0 ? mine / total : 1.0;
-    }
-    radiance_and_weight = vec4(sum, mine);
+    radiance_and_weight = raster_look(s);
     node = float(instance_words(push.instance).scene_node);
 
     // The same arithmetic as the composite pass, so that equal surfaces get equal depth.

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "include/frame.glsl"
-#include "include/scene.glsl"
+#include "include/raster_corner.glsl"
 
 layout(push_constant) uniform Push {
     vec2 offset_px; // from the pixel's centre to the sample
@@ -17,14 +17,7 @@ layout(location = 2) flat out uint triangle;
 void main() {
     triangle = uint(gl_VertexIndex) / 3u;
     uint corner = uint(gl_VertexIndex) % 3u;
-    int at = (int(instance_words(push.instance).triangle_base) + int(triangle)) * 3;
-    vec3 p = LOAD(triangles, at).xyz;
-    if (corner != 0u) {
-        p += LOAD(triangles, at + int(corner)).xyz;
-    }
-    vec4 row0, row1, row2;
-    instance_rows(push.instance, 0, row0, row1, row2);
-    position = transform_point(row0, row1, row2, p);
+    position = raster_corner(push.instance, triangle, corner);
     barycentric = vec3(corner == 0u, corner == 1u, corner == 2u);
 
     // The projector's own clip space turned into Vulkan's: y down, window z in [0, 1].

@@ -32,8 +32,7 @@ void main() {
         turn_to(s, ray.direction);
         if (share_of(push.projector, s.position, s.normal_geometric, true) > 0.0) {
             GpuFrustum f = projectors[push.projector];
-            float clip_w;
-            vec2 at = project_px(f, s.position, clip_w) - 0.5;
+            vec2 at = real_place(push.projector, s.position) - 0.5;
             ivec2 base = ivec2(floor(at));
             vec2 t = at - vec2(base);
             ivec2 size = ivec2(f.resolution_px);

@@ -26,10 +26,19 @@ struct GpuMovedBox {
     vec3 high;
 };
 
+// Where a box may show in a projector's image.
+struct GpuShown {
+    ivec4 tiles;   // first column and row, and those after the last; in the real image
+    vec4 edged_px; // around the tiles whose occlusion edges may differ for it: low and high, in the ideal image
+};
+
 layout(std430, binding = 34) readonly buffer Moved {
     GpuMovedBox moved[2u * MAX_BOXES];
-    ivec4 shown_tiles[]; // a projector after the other, of each physical box: first column and row, and those after the last
+    GpuShown shown_boxes[]; // a projector after the other, of each physical box
 };
+
+// Where the corners of each tile lie in the ideal image, px: low and high; for projectors with a lens.
+layout(std430, binding = 38) readonly buffer IdealTiles { vec4 ideal_tiles[]; };
 
 layout(std430, binding = 13) readonly buffer Projectors { GpuFrustum projectors[]; };
 layout(std430, binding = 16) readonly buffer Closest { uvec4 closest[]; };
@@ -47,9 +56,6 @@ struct GpuTileBounds {
 
 // Around what the samples of each tile have met; unknown again once the tile is traced anew.
 layout(std430, binding = 33) buffer TileBounds { GpuTileBounds tile_bounds[]; };
-
-// Tiles around a changed one in which the distance to occlusion edges may differ: an edge is found from the next pixel's distance.
-const int EDGE_TILES = int((uint(EDGE_REACH_PX) + 1u + TILE_PX - 1u) / TILE_PX);
 
 // What rounding can do to a point of a tile, m, and as a share of a coordinate; as for the boxes, daemon/render/src/moved.rs.
 const float PAD_M = 1e-4;
@@ -99,6 +105,11 @@ GpuTileBounds bounds_of(uvec2 tile) {
     for (uint i = 0u; i < 4u; ++i) {
         float t_max;
         vec2 corner_px = vec2((tile + uvec2(i & 1u, i >> 1u)) * TILE_PX);
+        if (OWN_LENS != 0u) {
+            // The tile is no rectangle in the ideal image, but it lies in one.
+            vec4 around = ideal_tiles[tile.y * image_tiles().x + tile.x];
+            corner_px = vec2((i & 1u) == 0u ? around.x : around.z, (i & 2u) == 0u ? around.y : around.w);
+        }
         frustum_ray(frame.frustum, corner_px, origins[i], directions[i], t_max);
         endless = endless || t_max < 0.0;
         middle += directions[i];
@@ -162,22 +173,14 @@ bool is_share_reached(GpuTileBounds tile, uint projector) {
     if (most_w <= 0.0) {
         return false;
     }
-    if (!(least_w > 1e-3 * most_w)) {
-        low_px = vec2(0.0);
-        high_px = f.resolution_px;
-    }
-    low_px = max(low_px - PAD_PX, vec2(0.0));
-    high_px = min(high_px + PAD_PX, f.resolution_px);
-    if (any(greaterThan(low_px, high_px))) {
-        return false;
-    }
-    ivec2 first = ivec2(low_px / float(TILE_PX));
-    ivec2 last = ivec2(high_px / float(TILE_PX));
+    bool anywhere = !(least_w > 1e-3 * most_w);
+    low_px -= PAD_PX;
+    high_px += PAD_PX;
     bool found = false;
     for (uint k = 0u; k < push.physical_count; ++k) {
-        ivec4 shown = shown_tiles[projector * MAX_BOXES + k];
-        bool apart = any(greaterThan(shown.xy - EDGE_TILES, last)) || any(greaterThanEqual(first, shown.zw + EDGE_TILES));
-        found = found || !is_empty(shown) && !apart;
+        GpuShown shown = shown_boxes[projector * MAX_BOXES + k];
+        bool apart = any(greaterThan(shown.edged_px.xy, high_px)) || any(greaterThanEqual(low_px, shown.edged_px.zw));
+        found = found || !is_empty(shown.tiles) && (anywhere || !apart);
     }
     return found;
 }
@@ -194,7 +197,7 @@ void main() {
     // they need the marks of as many tiles again around those that they may differ in.
     uint lists = push.whole;
     for (uint k = 0u; k < push.physical_count; ++k) {
-        ivec4 shown = shown_tiles[setup.projector_index * MAX_BOXES + k];
+        ivec4 shown = shown_boxes[setup.projector_index * MAX_BOXES + k].tiles;
         if (!is_empty(shown)) {
             ivec2 between = tiles_between(ivec2(tile), shown);
             uint reached = all(equal(between, ivec2(0))) ? 1u << TILES_SEEN | 1u << TILES_LIT : 0u;

@@ -25,11 +25,14 @@ bool outside_image(uvec2 pixel) {
     return pixel.x >= uint(frame.frustum.resolution_px.x) || pixel.y >= uint(frame.frustum.resolution_px.y);
 }
 
-// The primary ray of a sample.
+// The primary ray of a sample; t_max < 0 where there is none.
 Ray sample_ray(uvec2 pixel, uint s) {
     Ray ray;
     ray.t_min = 0.0;
-    frustum_ray(frame.frustum, vec2(pixel) + sample_offset(pixel, s), ray.origin, ray.direction, ray.t_max);
+    vec2 at_px = vec2(pixel) + sample_offset(pixel, s);
+    bool lit = own_ideal(at_px);
+    frustum_ray(frame.frustum, at_px, ray.origin, ray.direction, ray.t_max);
+    ray.t_max = lit ? ray.t_max : -1.0;
     return ray;
 }
 

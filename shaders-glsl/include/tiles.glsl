@@ -5,6 +5,10 @@
 // Side of a tile, px. Twins of what daemon/render/src/moved.rs and tiles.rs name.
 const uint TILE_PX = 8u;
 
+// Tiles around a changed one in which the distance to occlusion edges may differ: EDGE_REACH_PX and a pixel, since an edge is found from the
+// next pixel's distance, in whole tiles.
+const int EDGE_TILES = 2;
+
 // One list a pass, the k-th after k times as many words as the image has tiles.
 const uint TILES_SEEN = 0u;   // what the pixels land on
 const uint TILES_MARKED = 1u; // where occlusion edges are looked for again

@@ -14,17 +14,29 @@ const float BORDER = 0.1;
 // What is left of a projector at its very border: a point that only it lights must still be lit whole.
 const float LEAST_FADE = 1e-4;
 
+// Where a point that a projector lights falls in its image, px.
+vec2 real_place(uint projector, vec3 p) {
+    float clip_w;
+    vec2 at = project_px(projectors[projector], p, clip_w);
+    if (ANY_LENS != 0u) {
+        to_real(lenses[projector], at);
+    }
+    return at;
+}
+
 // How well a projector lights a point with this geometric normal: cos(incidence) / distance² × fade; 0 where it does not.
 float share_of(uint projector, vec3 p, vec3 n, const bool check_visibility) {
     GpuFrustum f = projectors[projector];
     float clip_w;
-    vec2 at = project_px(f, p, clip_w);
-    if (clip_w <= 0.0 || any(lessThan(at, vec2(0.0))) || any(greaterThan(at, f.resolution_px))) {
+    vec2 ideal = project_px(f, p, clip_w);
+    vec2 at = ideal;
+    bool shown = ANY_LENS == 0u || to_real(lenses[projector], at);
+    if (!shown || clip_w <= 0.0 || any(lessThan(at, vec2(0.0))) || any(greaterThan(at, f.resolution_px))) {
         return 0.0;
     }
     vec3 origin, direction;
     float t_max;
-    frustum_ray(f, at, origin, direction, t_max);
+    frustum_ray(f, ideal, origin, direction, t_max);
     float t = dot(p - origin, direction);
     float cosine = -dot(n, direction);
     if (t <= 0.0 || t > t_max || cosine <= 0.0) {
@@ -61,8 +73,7 @@ float edge_texel(ivec2 at, ivec2 size) {
 // Its distance to an occlusion edge at a point, px, bilinear.
 float edge_at(uint projector, vec3 p) {
     GpuFrustum f = projectors[projector];
-    float clip_w;
-    vec2 at = project_px(f, p, clip_w) - 0.5;
+    vec2 at = real_place(projector, p) - 0.5;
     ivec2 base = ivec2(floor(clamp(at, vec2(-1.0), f.resolution_px)));
     ivec2 size = ivec2(f.resolution_px);
     vec2 t = clamp(at - vec2(base), vec2(0.0), vec2(1.0));

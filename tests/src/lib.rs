@@ -5,6 +5,7 @@ pub mod gpu;
 pub mod harness;
 pub mod image;
 pub mod lab;
+pub mod lenses;
 pub mod models;
 pub mod oracle;
 pub mod random;

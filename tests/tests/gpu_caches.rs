@@ -3,10 +3,12 @@
 #![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use glam::{DVec3, UVec2};
+use lantern_calibration::Calibration;
 use lantern_render::{Layer, Pattern, ProjectorSpec, RayCounts, Settings, Texels};
 use lantern_scene::Editor;
 use lantern_tests::{
     gpu::{ONE_SAMPLE, Rig, assert_validation_is_silent},
+    lenses,
     random::SplitMix64,
     stage::{Stand, editor_of, edits_of},
 };
@@ -48,6 +50,19 @@ fn any_place(random: &mut SplitMix64) -> [f64; 3] {
 fn any_stand(random: &mut SplitMix64, x: f64) -> Stand {
     let at_m = DVec3::new(x, 1.8, 2.6) + random.point(DVec3::splat(-0.3), DVec3::splat(0.3));
     Stand { fov_y_rad: 0.75, ..Stand::new(at_m, random.point(DVec3::splat(-0.2), DVec3::splat(0.3)), SIZE_PX) }
+}
+
+/// The one in the middle is a pinhole; the others stand behind a lens, now this one and now that.
+fn any_calibration(random: &mut SplitMix64, x: f64) -> Calibration {
+    let calibration = any_stand(random, x).calibration();
+    let [(_, barrel), (_, pincushion), (_, coarse), (_, fine)] = lenses::all(SIZE_PX);
+    match (x, random.below(2)) {
+        (-1.0, 0) => calibration.with_lens(barrel).unwrap(),
+        (-1.0, _) => calibration.with_lens(coarse).unwrap(),
+        (1.0, 0) => calibration.with_lens(fine).unwrap(),
+        (1.0, _) => calibration.with_lens(pincushion).unwrap(),
+        _ => calibration,
+    }
 }
 
 /// The sequence: what stands in the room, and what happens next.
@@ -132,7 +147,7 @@ impl Play {
             0 => {
                 let mut specs: Vec<ProjectorSpec> = rigs[0].renderer.projectors().cloned().collect();
                 let which = self.random.below(specs.len());
-                specs[which].calibration = any_stand(&mut self.random, which as f64 - 1.0).calibration();
+                specs[which].calibration = any_calibration(&mut self.random, which as f64 - 1.0);
                 rigs.iter_mut().for_each(|rig| rig.renderer.set_projectors(specs.clone()).unwrap());
                 format!("calibration of {which}")
             }
@@ -172,8 +187,8 @@ fn bits(rig: &Rig, projector: usize, layer: Layer) -> Vec<u32> {
 fn what_is_kept_is_what_would_be_made_anew() {
     let mut random = SplitMix64(3);
     let editor = editor_of(room(), Vec::new());
-    let named = [("left", -1.0), ("middle", 0.0), ("right", 1.0)]
-        .map(|(name, x)| (name, any_stand(&mut random, x).calibration()));
+    let named =
+        [("left", -1.0), ("middle", 0.0), ("right", 1.0)].map(|(name, x)| (name, any_calibration(&mut random, x)));
     let keeping = Settings { samples: 4, max_depth: 1, blend: true, count_rays: true, ..ONE_SAMPLE };
     let mut rigs = [keeping, Settings { always_full: true, ..keeping }]
         .map(|settings| Rig::new(&editor.current(), &named, settings));

@@ -5,11 +5,14 @@
 use std::time::Duration;
 
 use glam::{DVec3, UVec2};
+use lantern_calibration::Frustum;
 use lantern_gpu::{Binding, BindingKind, Bindings, Buffer, BufferKind, ComputePipeline, Recorder, Resource};
+use lantern_render::ideal_tiles::IdealTiles;
 use lantern_render::moved::{Box3, tiles_of};
 use lantern_render::tile_lists::TILE_PX;
 use lantern_tests::{
     gpu::{assert_validation_is_silent, device, shader},
+    lenses,
     random::SplitMix64,
     stage::Stand,
 };
@@ -146,9 +149,16 @@ fn no_tile_is_missed() {
         let size_px = UVec2::new(96 + random.below(100) as u32, 64 + random.below(50) as u32);
         let reach = DVec3::splat(3.0);
         let stand = Stand::new(random.point(-reach, reach), random.point(-reach, reach) / 2.0, size_px);
-        let frustum = stand.frustum();
+        let calibration = stand.calibration();
+        let calibration = match random.below(12) {
+            0 => calibration.with_lens(lenses::barrel(size_px)).unwrap(),
+            1 => calibration.with_lens(lenses::pincushion(size_px)).unwrap(),
+            2 => calibration.with_lens(lenses::warp(size_px, UVec2::new(17, 11), |at| at.x < 20.0)).unwrap(),
+            _ => calibration,
+        };
+        let (ideal, frustum) = (IdealTiles::of(&calibration), Frustum::new(calibration));
         let [low_m, high_m] = any_box(&mut random, 0.6);
-        let tiles = tiles_of(&frustum, Box3 { low_m, high_m });
+        let tiles = tiles_of(&frustum, ideal.as_ref(), Box3 { low_m, high_m });
         let image = [0, 0, size_px.x.div_ceil(TILE_PX) as i32, size_px.y.div_ceil(TILE_PX) as i32];
         partly += usize::from(tiles != [0; 4] && tiles != image);
         none += usize::from(tiles == [0; 4]);

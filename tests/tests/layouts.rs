@@ -10,12 +10,12 @@ use std::{
     time::Duration,
 };
 
-use lantern_calibration::GpuFrustum;
+use lantern_calibration::{GpuFrustum, GpuLens, LENS_BROWN_CONRADY, LENS_NONE, LENS_STEPS, LENS_WARP};
 use lantern_gpu::{
     Binding, BindingKind, Bindings, Buffer, BufferKind, ComputePipeline, Recorder, Resource, TexelFormat,
 };
-use lantern_render::moved::{GpuMovedBox, MAX_BOXES};
-use lantern_render::tile_lists::{TILE_BOUNDS_BYTES, TILE_LISTS, TILE_PX, TileList};
+use lantern_render::moved::{GpuMovedBox, GpuShown, MAX_BOXES};
+use lantern_render::tile_lists::{EDGE_TILES, TILE_BOUNDS_BYTES, TILE_LISTS, TILE_PX, TileList};
 use lantern_render::{GpuFrame, GpuSetup, MAX_VIEWERS, Pattern, RayCounts, RayKind, RecordHead, RecordedRay, shaders};
 use lantern_scene::{
     PRIMARY_ROLES, SECONDARY_ROLES,
@@ -216,6 +216,24 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
         pattern,
         environment_first,
     });
+    let lens = members!(GpuLens {
+        focal_px,
+        centre_px,
+        k1_k2_p1_p2,
+        k3,
+        reach,
+        kind,
+        has_alpha,
+        nodes,
+        inverse_nodes,
+        nodes_a_px,
+        inverse_low_px,
+        inverse_step_px,
+        first_texel,
+        inverse_first_texel,
+        pad0,
+    });
+    let shown = members!(GpuShown { tiles, edged_px });
     let texture = members!(GpuTexture { first_texel, width, height, flags });
     let moved = members!(GpuMovedBox { low, pad0, high, pad1 });
     let (counts, counts_size) = members!(RayCounts { primary, secondary, shadow, blend, most_steps });
@@ -228,6 +246,8 @@ fn twins() -> Vec<(&'static str, (Members, u32))> {
         ("GpuFrustum", frustum),
         ("Frame", frame),
         ("GpuSetup", setup),
+        ("GpuLens", lens),
+        ("GpuShown", shown),
         ("GpuTexture", texture),
         ("GpuMovedBox", moved),
         ("Counters", (counts, counts_size)),
@@ -260,7 +280,7 @@ fn every_member_lies_where_its_twin_does() {
 #[test]
 fn every_array_has_its_twins_stride() {
     let twins: HashMap<_, _> = twins().into_iter().map(|(name, (_, size))| (name, size)).collect();
-    for (block, element) in [("Projectors", "GpuFrustum"), ("Textures", "GpuTexture")] {
+    for (block, element) in [("Projectors", "GpuFrustum"), ("Lenses", "GpuLens"), ("Textures", "GpuTexture")] {
         let strides: Vec<u32> = reflections().iter().flat_map(|(_, reflection)| reflection.stride(block)).collect();
         assert!(!strides.is_empty(), "{block} is in no shader");
         assert!(strides.iter().all(|stride| *stride == twins[element]), "{block}: {strides:?}, {}", twins[element]);
@@ -390,6 +410,11 @@ fn every_constant_is_its_twins() {
         ("LIGHT_SPOT", LIGHT_SPOT),
         ("MAX_VIEWERS", MAX_VIEWERS as u32),
         ("TILE_PX", TILE_PX),
+        ("EDGE_TILES", EDGE_TILES as u32),
+        ("LENS_NONE", LENS_NONE),
+        ("LENS_BROWN_CONRADY", LENS_BROWN_CONRADY),
+        ("LENS_WARP", LENS_WARP),
+        ("LENS_STEPS", LENS_STEPS),
         ("MAX_BOXES", MAX_BOXES as u32),
         ("TILES_SEEN", TileList::Seen as u32),
         ("TILES_MARKED", TileList::Marked as u32),

@@ -26,6 +26,11 @@ const FARTHEST: u32 = 64;
 /// How much more than the image the disc holds where the model allows it: what is rasterised reaches over the edges.
 const MARGIN: f64 = 1.1;
 
+/// Steps of Newton's method in a shader, and how near to a place of the image they must come, px. Twin of `LENS_STEPS` in
+/// `shaders-glsl/include/lens.glsl`.
+pub const LENS_STEPS: u32 = 8;
+const SHADER_RESIDUAL_PX: f64 = 1e-3;
+
 /// Newton's steps, and the residual in focal lengths at which they end: below 1e-10 px of any projector.
 const STEPS: u32 = 64;
 const RESIDUAL: f64 = 1e-14;
@@ -73,6 +78,12 @@ pub enum BrownConradyError {
         /// How far the image's farthest corner lies from the centre, in the same measure.
         image_px: f64,
     },
+    /// Nearly folded.
+    #[error(
+        "the lens all but folds inside its image: {LENS_STEPS} steps do not find where its pixels look; hint: look for a \
+         swapped order of the distortion coefficients (k1, k2, p1, p2, k3)"
+    )]
+    Slow,
 }
 
 impl BrownConrady {
@@ -110,6 +121,21 @@ impl BrownConrady {
         let slope = self.slope(at);
         let (mean, half) = (0.5 * (slope.x_axis.x + slope.y_axis.y), 0.5 * (slope.x_axis.x - slope.y_axis.y));
         mean - half.hypot(slope.x_axis.y)
+    }
+
+    /// Whether the shader's steps, whole ones that are held within the disc, find the ideal places of a grid over an image.
+    fn is_found_in_time(&self, reach: f64, size_px: DVec2) -> bool {
+        let enough = SHADER_RESIDUAL_PX / self.focal_px.abs().max_element();
+        let found = |place_px: DVec2| {
+            let wanted = (place_px - self.centre_px) / self.focal_px;
+            let at = (0..LENS_STEPS).fold(wanted.clamp_length_max(reach), |at, _| {
+                let step = self.slope(at).inverse() * (wanted - self.distorted(at));
+                (at + step).clamp_length_max(reach)
+            });
+            (wanted - self.distorted(at)).length() <= enough
+        };
+        let across = |i: u32| f64::from(i) / f64::from(CIRCLES / 4);
+        (0..=CIRCLES / 4).all(|y| (0..=CIRCLES / 4).all(|x| found(DVec2::new(across(x), across(y)) * size_px)))
     }
 
     /// Checks that every place of an image has one ideal place.
@@ -166,6 +192,9 @@ impl BrownConrady {
         if holds.is_none() {
             let mean_px = 0.5 * (self.focal_px.x.abs() + self.focal_px.y.abs());
             return Err(BrownConradyError::Folds { folds_px: covered * mean_px, image_px: image * mean_px });
+        }
+        if !self.is_found_in_time(reach, size_px) {
+            return Err(BrownConradyError::Slow);
         }
         Ok(OneToOne { model: self, reach })
     }

@@ -76,6 +76,32 @@ impl Optics {
         }
     }
 
+    /// A box in the ideal image around all that a rectangle of the real one shows: its lowest and highest place, px. `None`
+    /// where the rectangle is dark.
+    pub fn ideal_bounds(&self, low_px: DVec2, high_px: DVec2) -> Option<(DVec2, DVec2)> {
+        match self {
+            Self::Pinhole => Some((low_px, high_px)),
+            Self::Warp(grid) => grid.ideal_bounds(low_px, high_px),
+            Self::BrownConrady(one_to_one) => {
+                // Nine places of the rectangle. Between three of a line a smooth map stands out by an eighth of their second
+                // difference; it is given whole.
+                let at = |x: f64, y: f64| one_to_one.ideal_px(low_px + (high_px - low_px) * DVec2::new(x, y) * 0.5);
+                let lines: Option<Vec<[DVec2; 3]>> = (0..3)
+                    .flat_map(|i| {
+                        let i = f64::from(i);
+                        [[at(0.0, i), at(1.0, i), at(2.0, i)], [at(i, 0.0), at(i, 1.0), at(i, 2.0)]]
+                    })
+                    .map(|[a, b, c]| Some([a?, b?, c?]))
+                    .collect();
+                let lines = lines?;
+                let bend = lines.iter().map(|[a, b, c]| (*a - *b * 2.0 + *c).abs()).fold(DVec2::ZERO, DVec2::max);
+                let places = || lines.iter().flatten().copied();
+                let low = places().fold(DVec2::INFINITY, DVec2::min);
+                Some((low - bend, places().fold(DVec2::NEG_INFINITY, DVec2::max) + bend))
+            }
+        }
+    }
+
     /// The real place of an ideal one, px; `None` where the lens does not show it. May lie outside of the image.
     pub fn real_px(&self, ideal_px: DVec2) -> Option<DVec2> {
         match self {

@@ -12,13 +12,15 @@ mod frustum;
 mod lens;
 mod maps;
 mod packed;
+mod packed_lens;
 mod warp;
 mod warp_blocks;
 
-pub use brown_conrady::{BrownConrady, BrownConradyError, OneToOne};
+pub use brown_conrady::{BrownConrady, BrownConradyError, LENS_STEPS, OneToOne};
 pub use clip::{Calibration, CalibrationError, Convention, Matrix4};
 pub use frustum::{Frustum, Projected, Ray};
 pub use lens::{Lens, LensError, Optics};
 pub use maps::{Map, Maps, MapsError};
 pub use packed::{GpuFrustum, GpuRay};
+pub use packed_lens::{GpuLens, LENS_BROWN_CONRADY, LENS_NONE, LENS_WARP};
 pub use warp::{Grid, Warp, WarpError};

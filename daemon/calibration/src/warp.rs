@@ -9,6 +9,9 @@ use crate::warp_blocks::Blocks;
 /// Of the cells of a warp this share may be turned over, as the noise of a measured map turns them; more is a fold.
 const TURNED_SHARE: f64 = 0.01;
 
+/// Nodes of an inverse grid on each axis that are always allowed.
+const MOST_INVERSE_NODES: f64 = 256.0;
+
 /// How far beyond its rim, in its own widths, a cell still counts as met: rounding.
 const RIM: f64 = 1e-9;
 
@@ -93,8 +96,21 @@ pub struct Grid {
 /// What it shows follows from these two.
 impl PartialEq for Grid {
     fn eq(&self, other: &Self) -> bool {
-        self.step_px == other.step_px && self.warp == other.warp
+        self.step_px == other.step_px && (Arc::ptr_eq(&self.warp, &other.warp) || self.warp == other.warp)
     }
+}
+
+/// A grid over the ideal image that says where about the real one shows each node: where the search of a shader starts.
+#[derive(Clone, Debug)]
+pub(crate) struct Inverse {
+    /// Columns and rows.
+    pub(crate) nodes: UVec2,
+    /// The first node's place in the ideal image, px.
+    pub(crate) low_px: DVec2,
+    /// From node to node, px.
+    pub(crate) step_px: f64,
+    /// The real place of each node; NaN where none is known and no neighbour's continues to it.
+    pub(crate) real_px: Vec<Vec2>,
 }
 
 /// Four nodes, and how bilinear they are: `at_00 + u·per_u + v·per_v + u·v·twist`, u and v from 0 to 1 between them.
@@ -155,7 +171,7 @@ impl Grid {
             return Err(WarpError::Infinite { column: index as u32 % size.x, row: index as u32 / size.x });
         }
 
-        let nodes_px = continued(&warp);
+        let nodes_px = continued(&warp, Vec2::ZERO);
         let mut grid = Self {
             step_px: resolution_px.as_dvec2() / size.as_dvec2(),
             warp: Arc::clone(&warp),
@@ -206,6 +222,45 @@ impl Grid {
         })
     }
 
+    /// A box around all that a rectangle of the real image shows. What is bilinear between nodes has its extremes at these, and
+    /// where their lines cross the rectangle's sides.
+    pub fn ideal_bounds(&self, low_px: DVec2, high_px: DVec2) -> Option<(DVec2, DVec2)> {
+        let (low, high) = (low_px / self.step_px - 0.5, high_px / self.step_px - 0.5);
+        let stops = |low: f64, high: f64| {
+            let nodes = (low.ceil() as i64..=high.floor() as i64).map(|node| node as f64);
+            [low, high].into_iter().chain(nodes).collect::<Vec<f64>>()
+        };
+        let last = self.warp.size.as_ivec2() - 2;
+        let rows = stops(low.y, high.y);
+        let places = stops(low.x, high.x).into_iter().flat_map(|x| rows.iter().map(move |&y| DVec2::new(x, y)));
+        let shown = places.filter_map(|at| {
+            let first = at.floor().as_ivec2().clamp(IVec2::ZERO, last);
+            self.cell(first).map(|cell| cell.at(at - first.as_dvec2()))
+        });
+        let none = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        let (low, high) = shown.fold(none, |(low, high), at| (low.min(at), high.max(at)));
+        (low.x <= high.x).then_some((low, high))
+    }
+
+    /// The nodes, of which dark ones continue what is lit beside them, and whether each is lit.
+    pub(crate) fn nodes(&self) -> impl Iterator<Item = (Vec2, bool)> {
+        self.nodes_px.iter().copied().zip(self.warp.ideal_px.iter().map(|at| !at.is_nan()))
+    }
+
+    /// The way back as a grid of about this step over what the real image of so many pixels shows.
+    pub(crate) fn inverse(&self, resolution_px: DVec2, step_px: f64) -> Inverse {
+        let around = self.ideal_bounds(DVec2::ZERO, resolution_px);
+        let (low_px, high_px) = around.unwrap_or((DVec2::ZERO, resolution_px));
+        // As many nodes as the warp has at most, whatever it magnifies.
+        let most = self.warp.size.as_dvec2().max(DVec2::splat(MOST_INVERSE_NODES));
+        let step_px = ((high_px - low_px) / most).max_element().max(step_px);
+        let nodes = ((high_px - low_px) / step_px).ceil().as_uvec2() + 1;
+        let at = |i: u32| low_px + UVec2::new(i % nodes.x, i / nodes.x).as_dvec2() * step_px;
+        let known = |i: u32| self.real_px(at(i)).map_or(Vec2::NAN, |at| at.as_vec2());
+        let known = Warp { size: nodes, ideal_px: (0..nodes.x * nodes.y).map(known).collect() };
+        Inverse { nodes, low_px, step_px, real_px: continued(&known, Vec2::NAN) }
+    }
+
     fn index(&self, node: IVec2) -> usize {
         node.y as usize * self.warp.size.x as usize + node.x as usize
     }
@@ -236,31 +291,42 @@ impl Grid {
         let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
         let whole = |first: &IVec2| corners.iter().all(|step| self.lit(*first + step.as_ivec2()));
         let cells = (0..size.y - 1).flat_map(|y| (0..size.x - 1).map(move |x| IVec2::new(x, y))).filter(whole);
-        let turns: Vec<_> = cells
+        let turns = cells
             .filter_map(|first| self.cell(first).map(|cell| (first, corners.map(|uv| cell.turn(uv)))))
             // What is flat shows nothing, and folds nothing.
-            .filter(|(_, turns)| turns.iter().any(|&turn| turn != 0.0))
-            .collect();
+            .filter(|(_, turns)| turns.iter().any(|&turn| turn != 0.0));
         let along = |turns: &[f64; 4], sign: f64| turns.iter().all(|turn| turn * sign > 0.0);
-        let count = |sign: f64| turns.iter().filter(|(_, turns)| along(turns, sign)).count();
-        let (upright, mirrored) = (count(1.0), count(-1.0));
-        if upright.max(mirrored) == 0 {
+
+        // How many there are of either way, the first that is not of it, and how many in all.
+        let (mut all, mut counts, mut firsts) = (0, [0; 2], [None; 2]);
+        for (first, turns) in turns {
+            all += 1;
+            for (way, sign) in [1.0, -1.0].into_iter().enumerate() {
+                if along(&turns, sign) {
+                    counts[way] += 1;
+                } else if firsts[way].is_none() {
+                    firsts[way] = Some(first);
+                }
+            }
+        }
+        let mirrored = counts[1] > counts[0];
+        let (same, other) = (counts[usize::from(mirrored)], firsts[usize::from(mirrored)]);
+        if same == 0 {
             return Err(WarpError::Dark);
         }
-        let sign = if mirrored > upright { -1.0 } else { 1.0 };
-        let turned = turns.len() - upright.max(mirrored);
-        match turns.iter().find(|(_, turns)| !along(turns, sign)) {
-            Some((first, _)) if turned as f64 > TURNED_SHARE * turns.len() as f64 => {
+        let turned = all - same;
+        match other {
+            Some(first) if turned as f64 > TURNED_SHARE * all as f64 => {
                 let (column, row) = (first.x as u32, first.y as u32);
-                Err(WarpError::Folds { turned, cells: turns.len(), column, row })
+                Err(WarpError::Folds { turned, cells: all, column, row })
             }
-            _ => Ok(mirrored > upright),
+            _ => Ok(mirrored),
         }
     }
 }
 
-/// The nodes, and at dark ones beside lit ones the mean of what continues straight on from the lit ones; 0 elsewhere.
-fn continued(warp: &Warp) -> Vec<Vec2> {
+/// The nodes, and at dark ones beside lit ones the mean of what continues straight on from the lit ones; `elsewhere` at others.
+fn continued(warp: &Warp, elsewhere: Vec2) -> Vec<Vec2> {
     let size = warp.size.as_ivec2();
     let lit = |node: IVec2| {
         let inside = node.cmpge(IVec2::ZERO).all() && node.cmplt(size).all();
@@ -277,5 +343,5 @@ fn continued(warp: &Warp) -> Vec<Vec2> {
         mean(straight).or_else(|| mean(beside()))
     };
     let nodes = (0..size.y).flat_map(|y| (0..size.x).map(move |x| IVec2::new(x, y)));
-    nodes.map(|node| lit(node).or_else(|| continuing(node)).unwrap_or_default()).collect()
+    nodes.map(|node| lit(node).or_else(|| continuing(node)).unwrap_or(elsewhere)).collect()
 }

@@ -8,16 +8,17 @@ use crate::bound::Bound;
 use crate::targets::Targets;
 use crate::tile_lists::TileList;
 
-/// Records the pass: its own part first, then every other projector's, where `blend` asks for them.
+/// Records the pass: its own part first, then that of every other projector with which it shares its light. `shares` says which do
+/// so at all: none does without blending, nor one whose alpha map says its share.
 pub(crate) fn record(
     recorder: &mut Recorder,
     bound: &Bound,
     targets: &Targets,
     own: usize,
-    blend: bool,
+    shares: &[bool],
 ) -> Result<(), GpuError> {
     recorder.span("blend", |recorder| {
-        let others = (0..bound.blend.len()).filter(|index| blend && *index != own);
+        let others = (0..bound.blend.len()).filter(|index| shares[own] && shares[*index] && *index != own);
         for index in std::iter::once(own).chain(others) {
             let push = [0, index as u32];
             let bindings = &bound.blend[index];

@@ -13,7 +13,9 @@ mod bound;
 mod catalogue;
 mod error;
 mod frame;
+pub mod ideal_tiles;
 mod jitter;
+mod lenses;
 mod loads;
 pub mod moved;
 mod pattern;
@@ -41,6 +43,7 @@ pub mod renderer;
 pub mod resolve;
 pub mod secondary;
 pub mod tiles;
+pub mod visible;
 
 pub use block::bytes_beyond;
 pub use error::RenderError;

@@ -6,7 +6,8 @@ use glam::{DVec2, DVec3, IVec2};
 use lantern_calibration::Frustum;
 use lantern_scene::Moved;
 
-use crate::tile_lists::TILE_PX;
+use crate::ideal_tiles::IdealTiles;
+use crate::tile_lists::{EDGE_TILES, TILE_PX};
 
 /// Boxes of physical things, and as many of virtual ones; beyond that, boxes are joined. Twin of `MAX_BOXES` in
 /// `include/reach.glsl`.
@@ -79,20 +80,24 @@ impl MovedBoxes {
         self.virtual_.clear();
     }
 
-    /// As the device reads them, for the projectors of these frusta.
-    pub(crate) fn table<'a>(&self, frusta: impl Iterator<Item = &'a Frustum>, origin_m: DVec3) -> MovedTable {
+    /// As the device reads them, for the projectors of these frusta and lenses.
+    pub(crate) fn table<'a>(
+        &self,
+        projectors: impl Iterator<Item = (&'a Frustum, Option<&'a IdealTiles>)>,
+        origin_m: DVec3,
+    ) -> MovedTable {
         let padded = |boxes: &[Box3]| boxes.iter().map(|b| b.padded(origin_m)).collect::<Vec<_>>();
         let (physical, virtual_) = (padded(&self.physical), padded(&self.virtual_));
         let boxes: Vec<GpuMovedBox> =
             physical.iter().chain(&virtual_).map(|b| GpuMovedBox::new(*b, origin_m)).collect();
         let mut bytes: Vec<u8> = bytemuck::cast_slice(&boxes).to_vec();
         bytes.resize(2 * MAX_BOXES * size_of::<GpuMovedBox>(), 0);
-        for frustum in frusta {
-            let mut tiles = [[0; 4]; MAX_BOXES];
-            for (tiles, b) in tiles.iter_mut().zip(&physical) {
-                *tiles = tiles_of(frustum, *b);
+        for (frustum, ideal) in projectors {
+            let mut shown = [GpuShown::zeroed(); MAX_BOXES];
+            for (shown, b) in shown.iter_mut().zip(&physical) {
+                *shown = GpuShown::new(frustum, ideal, *b);
             }
-            bytes.extend_from_slice(bytemuck::cast_slice(&tiles));
+            bytes.extend_from_slice(bytemuck::cast_slice(&shown));
         }
         MovedTable { physical: physical.len() as u32, all: boxes.len() as u32, bytes }
     }
@@ -115,14 +120,14 @@ pub(crate) struct MovedTable {
     pub(crate) physical: u32,
     /// And of virtual ones.
     pub(crate) all: u32,
-    /// `Moved` in `tiles.comp`: all boxes, and a projector after the other the tiles in which the physical ones may show.
+    /// `Moved` in `tiles.comp`: all boxes, and a projector after the other where the physical ones may show.
     pub(crate) bytes: Vec<u8>,
 }
 
 impl MovedTable {
     /// Bytes for so many projectors.
     pub(crate) fn bytes_for(projectors: usize) -> u64 {
-        (2 * MAX_BOXES * size_of::<GpuMovedBox>() + projectors * MAX_BOXES * size_of::<[i32; 4]>()) as u64
+        (2 * MAX_BOXES * size_of::<GpuMovedBox>() + projectors * MAX_BOXES * size_of::<GpuShown>()) as u64
     }
 }
 
@@ -148,10 +153,45 @@ impl GpuMovedBox {
     }
 }
 
+/// Where a box may show in a projector's image; 32 bytes, std430.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct GpuShown {
+    /// First column and row, and those after the last, of the real image. All 0: nowhere.
+    pub tiles: [i32; 4],
+    /// Around the tiles whose occlusion edges may differ for it: lowest and highest place in the ideal image, px.
+    pub edged_px: [f32; 4],
+}
+
+impl GpuShown {
+    fn new(frustum: &Frustum, ideal: Option<&IdealTiles>, b: Box3) -> Self {
+        let tiles = tiles_of(frustum, ideal, b);
+        let [first_x, first_y, end_x, end_y] = tiles;
+        let edged_px = match ideal {
+            None => {
+                let size_px = frustum.calibration().resolution_px().as_vec2();
+                let px = |tile: i32, most_px: f32| ((tile * TILE_PX as i32) as f32).clamp(0.0, most_px);
+                [
+                    px(first_x - EDGE_TILES, size_px.x),
+                    px(first_y - EDGE_TILES, size_px.y),
+                    px(end_x + EDGE_TILES, size_px.x),
+                    px(end_y + EDGE_TILES, size_px.y),
+                ]
+            }
+            // A tile more: a map of edges is read between its pixels, some of which lie beside the place that is asked for.
+            Some(ideal) => {
+                let around = EDGE_TILES + 1;
+                ideal.around([first_x - around, first_y - around, end_x + around, end_y + around])
+            }
+        };
+        Self { tiles, edged_px }
+    }
+}
+
 /// The tiles of a projector's image in which a box may show: first column and row, and those after the last. All 0: none.
 ///
-/// A box that reaches the plane of the projector's centre may show anywhere.
-pub fn tiles_of(frustum: &Frustum, b: Box3) -> [i32; 4] {
+/// A box that reaches the plane of the projector's centre may show anywhere. `ideal` says where tiles lie behind a lens.
+pub fn tiles_of(frustum: &Frustum, ideal: Option<&IdealTiles>, b: Box3) -> [i32; 4] {
     let calibration = frustum.calibration();
     let size_px = calibration.resolution_px().as_dvec2();
     let clip = b.corners_m().map(|corner_m| calibration.clip_from_world() * corner_m.extend(1.0));
@@ -163,6 +203,9 @@ pub fn tiles_of(frustum: &Frustum, b: Box3) -> [i32; 4] {
     if clip.iter().all(|c| c.w > CENTRE_BELOW * largest_w) {
         let places = clip.map(|c| calibration.px_from_ndc(DVec2::new(c.x, c.y) / c.w));
         let bounds = places.iter().fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
+        if let Some(ideal) = ideal {
+            return ideal.showing(bounds.0 - PAD_PX, bounds.1 + PAD_PX);
+        }
         low_px = (bounds.0 - PAD_PX).max(DVec2::ZERO);
         high_px = (bounds.1 + PAD_PX).min(size_px);
         if low_px.cmpge(high_px).any() {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use lantern_calibration::{Calibration, Optics};
 use lantern_gpu::{ComputePipeline, DepthTest, Device, GpuError, GraphicsDesc, GraphicsPipeline, ImageFormat};
 use lantern_scene::Scene;
 
@@ -21,17 +22,28 @@ const TEXTURED: u32 = 2;
 /// Specialisation constant of every shader that traces shadows: any material that lets light through.
 const TRANSMISSIVE: u32 = 3;
 
+/// Specialisation constants of every shader that sends rays from projectors, or looks where they lead: whether the projector whose
+/// picture is made has a lens, and whether any has.
+const OWN_LENS: u32 = 9;
+const ANY_LENS: u32 = 10;
+/// Specialisation constant of `resolve.comp`: alpha and beta maps.
+const MAPPED: u32 = 11;
+
 /// Specialisation constant of `secondary.comp`: one sample of a pixel is shaded for all.
 const ONE_FOR_ALL: u32 = 5;
 /// Specialisation constant of `primary.comp`: samples of a pixel that one invocation traces.
 const SAMPLES_TOGETHER: u32 = 4;
 
-/// What the pipelines are made for: what of a scene, and how it is read. Branches are no way around work on a driver that runs both sides under a mask.
+/// What the pipelines are made for: what of a scene and of a projector, and how the scene is read. Branches are no way around work on a
+/// driver that runs both sides under a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Features {
     textured: bool,
     transmissive: bool,
     pub(crate) loads: Loads,
+    own_lens: bool,
+    any_lens: bool,
+    mapped: bool,
 }
 
 impl Features {
@@ -40,12 +52,28 @@ impl Features {
             loads,
             textured: !scene.textures.headers.is_empty(),
             transmissive: scene.gpu_materials.iter().any(|m| m.transmission > 0.0),
+            own_lens: false,
+            any_lens: false,
+            mapped: false,
+        }
+    }
+
+    /// The same for a picture of such a projector, or of none, beside others of which any has a lens.
+    pub(crate) fn of_projector(self, projector: Option<&Calibration>, any_lens: bool) -> Self {
+        Self {
+            own_lens: projector.is_some_and(|of| *of.optics() != Optics::Pinhole),
+            any_lens,
+            mapped: projector.is_some_and(|of| !of.maps().is_empty()),
+            ..self
         }
     }
 }
 
 /// Formats of the composite's colour attachments: radiance with weight, and node.
 pub(crate) const ATTACHMENTS: &[ImageFormat] = &[ImageFormat::Rgba32Float, ImageFormat::R32Float];
+
+/// Formats of the ideal image behind a lens: instance and triangle.
+pub(crate) const SEEN: &[ImageFormat] = &[ImageFormat::R32Uint, ImageFormat::R32Uint];
 
 pub(crate) struct Pipelines {
     pub(crate) tiles: Arc<ComputePipeline>,
@@ -68,6 +96,10 @@ pub(crate) struct Pipelines {
     /// Writes where it is not behind what was rasterised before.
     pub(crate) composite_over: Arc<GraphicsPipeline>,
     pub(crate) raster: Arc<GraphicsPipeline>,
+    /// Raster nodes onto the ideal image behind a lens.
+    pub(crate) visible: Arc<GraphicsPipeline>,
+    /// What the rays meet of it.
+    pub(crate) warped: Arc<GraphicsPipeline>,
 }
 
 impl Pipelines {
@@ -77,14 +109,16 @@ impl Pipelines {
         let eye_at_projector = (EYE_AT_PROJECTOR, u32::from(settings.eye_at_projector));
         let textured = (TEXTURED, u32::from(features.textured));
         let transmissive = (TRANSMISSIVE, u32::from(features.transmissive));
+        let own_lens = (OWN_LENS, u32::from(features.own_lens));
+        let any_lens = (ANY_LENS, u32::from(features.any_lens));
         let compute = |shader, constants: &[(u32, u32)]| {
             ComputePipeline::new(device, features.loads.shader(shader, device.has_ray_queries()), constants)
         };
         let secondary = |one_for_all| {
-            let own = [eye_at_projector, count, record, textured, transmissive, (ONE_FOR_ALL, one_for_all)];
+            let own = [eye_at_projector, count, record, textured, transmissive, own_lens, (ONE_FOR_ALL, one_for_all)];
             compute(&shaders::SECONDARY_COMP, &own)
         };
-        let graphics = |name, vertex, fragment, depth_test, constants: &[(u32, u32)]| {
+        let graphics = |name, vertex, fragment, colors, depth_test, constants: &[(u32, u32)]| {
             GraphicsPipeline::new(
                 device,
                 &GraphicsDesc {
@@ -92,30 +126,37 @@ impl Pipelines {
                     vertex: features.loads.shader(vertex, false),
                     fragment: features.loads.shader(fragment, false),
                     constants,
-                    colors: ATTACHMENTS,
+                    colors,
                     depth: Some(ImageFormat::Depth32),
                     depth_test,
                 },
             )
         };
-        let composite = |name, test| graphics(name, &shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG, test, &[]);
+        let composite = |name, test| {
+            graphics(name, &shaders::COMPOSITE_VERT, &shaders::COMPOSITE_FRAG, ATTACHMENTS, test, &[own_lens])
+        };
+        let raster = |name, vertex, fragment| {
+            graphics(name, vertex, fragment, ATTACHMENTS, DepthTest::Less, &[textured, own_lens, any_lens])
+        };
         let samples_together = samples_together(device, settings.walk.beams);
         Ok(Self {
-            tiles: compute(&shaders::TILES_COMP, &[])?,
+            tiles: compute(&shaders::TILES_COMP, &[own_lens])?,
             samples_together,
-            primary: compute(&shaders::PRIMARY_COMP, &[count, record, (SAMPLES_TOGETHER, samples_together)])?,
-            light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive])?,
+            primary: compute(&shaders::PRIMARY_COMP, &[count, record, own_lens, (SAMPLES_TOGETHER, samples_together)])?,
+            light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive, own_lens])?,
             lists: compute(&shaders::LISTS_COMP, &[])?,
             secondary_once: secondary(1)?,
             refine: compute(&shaders::REFINE_COMP, &[])?,
             secondary_each: secondary(0)?,
             edges: compute(&shaders::EDGES_COMP, &[])?,
-            blend: compute(&shaders::BLEND_COMP, &[count, record, textured])?,
-            resolve: compute(&shaders::RESOLVE_COMP, &[])?,
-            room: compute(&shaders::ROOM_COMP, &[textured])?,
+            blend: compute(&shaders::BLEND_COMP, &[count, record, textured, own_lens, any_lens])?,
+            resolve: compute(&shaders::RESOLVE_COMP, &[(MAPPED, u32::from(features.mapped))])?,
+            room: compute(&shaders::ROOM_COMP, &[textured, own_lens, any_lens])?,
             composite_first: composite("composite, first", DepthTest::Always)?,
             composite_over: composite("composite, over raster", DepthTest::LessOrEqual)?,
-            raster: graphics("raster", &shaders::RASTER_VERT, &shaders::RASTER_FRAG, DepthTest::Less, &[textured])?,
+            raster: raster("raster", &shaders::RASTER_VERT, &shaders::RASTER_FRAG)?,
+            visible: graphics("visible", &shaders::VISIBLE_VERT, &shaders::VISIBLE_FRAG, SEEN, DepthTest::Less, &[])?,
+            warped: raster("warped", &shaders::COMPOSITE_VERT, &shaders::WARPED_FRAG)?,
         })
     }
 }

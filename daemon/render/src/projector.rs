@@ -10,6 +10,7 @@ use lantern_scene::Scene;
 use crate::bound::Bound;
 use crate::catalogue::Catalogue;
 use crate::frame::{GpuFrame, GpuSetup};
+use crate::ideal_tiles::IdealTiles;
 use crate::jitter::sample_state;
 use crate::moved::MovedTable;
 use crate::pattern::Pattern;
@@ -18,6 +19,7 @@ use crate::raster::RasterNode;
 use crate::settings::{ProjectorSpec, RasterOrder, Settings};
 use crate::stale::{Change, Stale};
 use crate::targets::Targets;
+use crate::visible::Visible;
 use crate::{RenderError, blend, composite, edges, light, primary, raster, resolve, secondary, tiles};
 
 /// A projector's side of the device.
@@ -25,13 +27,17 @@ pub(crate) struct Projector {
     pub(crate) spec: ProjectorSpec,
     pub(crate) frustum: Frustum,
     pub(crate) targets: Targets,
+    /// Behind a lens.
+    pub(crate) ideal_tiles: Option<IdealTiles>,
+    /// The ideal image of raster nodes behind a lens; made when there first is such a node.
+    visible: Option<Visible>,
     pub(crate) queue: usize,
     bound: Option<Bound>,
     raster_nodes: Vec<RasterNode>,
     pub(crate) stale: Stale,
     pub(crate) pattern: Pattern,
     pub(crate) shown_viewers: Vec<DVec3>,
-    state_written: bool,
+    constants_written: bool,
 }
 
 impl Projector {
@@ -42,9 +48,10 @@ impl Projector {
         settings: &Settings,
     ) -> Result<Self, RenderError> {
         let frustum = Frustum::new(spec.calibration.clone());
-        let size_px = spec.calibration.resolution_px();
-        let targets = Targets::new(device, &spec.name, size_px.to_array(), settings)?;
+        let targets = Targets::new(device, &spec.name, &spec.calibration, settings)?;
         Ok(Self {
+            ideal_tiles: IdealTiles::of(&spec.calibration),
+            visible: None,
             spec,
             frustum,
             targets,
@@ -54,11 +61,20 @@ impl Projector {
             stale: Stale::EVERYTHING,
             pattern: Pattern::Off,
             shown_viewers: Vec::new(),
-            state_written: false,
+            constants_written: false,
         })
     }
 
-    /// Takes another calibration of the same resolution.
+    /// Whether a projector with that calibration can have this one's buffers: all but the matrix is the same.
+    pub(crate) fn can_become(&self, spec: &ProjectorSpec) -> bool {
+        let (own, other) = (&self.spec.calibration, &spec.calibration);
+        self.spec.name == spec.name
+            && own.resolution_px() == other.resolution_px()
+            && own.optics() == other.optics()
+            && own.maps() == other.maps()
+    }
+
+    /// Takes another matrix.
     pub(crate) fn recalibrate(&mut self, spec: ProjectorSpec) {
         if self.spec != spec {
             self.stale |= Change::Calibration.makes_stale();
@@ -78,6 +94,15 @@ impl Projector {
         rebound: bool,
     ) -> Result<(), GpuError> {
         self.raster_nodes = raster::nodes(scene);
+        if rebound {
+            self.visible = None;
+        }
+        if let Some(tiles) = self.ideal_tiles.as_ref().filter(|_| !self.raster_nodes.is_empty())
+            && self.visible.is_none()
+        {
+            let own = (&self.targets, tiles);
+            self.visible = Some(Visible::new(device, &self.spec.name, own, catalogue, pipelines)?);
+        }
         if rebound || self.bound.is_none() {
             let bytes = MovedTable::bytes_for(edges.len());
             let moved = Buffer::new(device, &format!("{}/moved", self.spec.name), BufferKind::Storage, bytes)?;
@@ -94,9 +119,8 @@ impl Projector {
         moved: &MovedTable,
     ) -> Result<(), GpuError> {
         let Some(bound) = self.bound.as_ref().filter(|_| self.stale.primary.any()) else { return Ok(()) };
-        if !self.state_written {
-            let words = sample_state(&self.spec.name, settings.samples);
-            recorder.upload(&self.targets.sample_state, 0, bytemuck::cast_slice(&words))?;
+        if !self.constants_written {
+            self.write_constants(recorder, settings)?;
         }
         recorder.fill(&self.targets.counters, 0)?;
         tiles::record(recorder, bound, &self.targets, self.stale, moved)?;
@@ -107,13 +131,28 @@ impl Projector {
         Ok(())
     }
 
+    /// What never changes while a projector keeps its buffers.
+    fn write_constants(&self, recorder: &mut Recorder, settings: &Settings) -> Result<(), GpuError> {
+        let words = sample_state(&self.spec.name, settings.samples);
+        recorder.upload(&self.targets.sample_state, 0, bytemuck::cast_slice(&words))?;
+        let calibration = &self.spec.calibration;
+        if !calibration.maps().is_empty() {
+            let maps = calibration.maps().packed(calibration.resolution_px());
+            recorder.upload(&self.targets.maps, 0, bytemuck::cast_slice(&maps))?;
+        }
+        if let Some(tiles) = &self.ideal_tiles {
+            recorder.upload(&self.targets.ideal_tiles, 0, bytemuck::cast_slice(tiles.around_px()))?;
+        }
+        Ok(())
+    }
+
     /// Records the rest of what is stale, in the order in which each pass reads the last one's buffers. Every projector's
     /// [`Projector::record_seen`] comes before any of these, since weights read the others' occlusion edges.
     pub(crate) fn record_shown(
         &self,
         recorder: &mut Recorder,
         settings: &Settings,
-        index: usize,
+        (index, shares): (usize, &[bool]),
         moved: &MovedTable,
     ) -> Result<(), GpuError> {
         let Some(bound) = self.bound.as_ref().filter(|_| self.stale.any()) else { return Ok(()) };
@@ -129,7 +168,7 @@ impl Projector {
             secondary::record_lists(recorder, bound, targets)?;
         }
         if stale.weight.any() {
-            blend::record(recorder, bound, targets, index, settings.blend)?;
+            blend::record(recorder, bound, targets, index, shares)?;
         }
         if stale.look {
             secondary::record(recorder, bound, targets, settings)?;
@@ -145,7 +184,11 @@ impl Projector {
         for pass in 0..strata * strata {
             let from_centre = |i: u32| (i as f32 + 0.5) / strata as f32 - 0.5;
             let offset_px = [from_centre(pass % strata), from_centre(pass / strata)];
-            composite::record(recorder, bound, &self.targets, &self.raster_nodes, order, offset_px)?;
+            let visible = self.visible.as_ref().filter(|_| !self.raster_nodes.is_empty());
+            if let Some(visible) = visible.filter(|_| pass == 0) {
+                visible.record(recorder, &bound.pipelines, &self.raster_nodes)?;
+            }
+            composite::record(recorder, bound, &self.targets, (&self.raster_nodes, visible), order, offset_px)?;
             resolve::record(recorder, bound, pass, strata * strata, self.targets.groups())?;
         }
         Ok(())
@@ -181,6 +224,6 @@ impl Projector {
     /// What was recorded has been shown.
     pub(crate) fn done(&mut self) {
         self.stale = Stale::NOTHING;
-        self.state_written = true;
+        self.constants_written = true;
     }
 }

@@ -11,6 +11,7 @@ use lantern_gpu::{Buffer, BufferKind, Commands, Device, GpuError, Recorder, Subm
 use lantern_scene::{Role, Scene, changes, moved};
 
 use crate::catalogue::Catalogue;
+use crate::lenses::Lenses;
 use crate::loads::Loads;
 use crate::moved::{MovedBoxes, MovedTable};
 use crate::pattern::Pattern;
@@ -118,6 +119,7 @@ pub struct Renderer {
     projectors: Vec<Projector>,
     /// Every projector's frustum, which the blend pass of each reads.
     frusta: Arc<Buffer>,
+    lenses: Lenses,
     frusta_written: bool,
     rebind: bool,
 }
@@ -156,6 +158,7 @@ impl Renderer {
             has_shown: false,
             upload_budget_bytes: UPLOAD_BYTES_A_FRAME,
             frusta: frusta_buffer(device, projectors.len())?,
+            lenses: Lenses::new(device, projectors.iter().map(|p| &p.spec.calibration))?,
             frusta_written: false,
             projectors,
             rebind: true,
@@ -192,15 +195,13 @@ impl Renderer {
         self.projectors.iter().map(|p| p.targets.bytes())
     }
 
-    /// Takes other projectors. One that keeps its name and resolution keeps its buffers, and what of its picture its own or the
-    /// others' calibrations do not make stale; a test pattern stays with its projector's name.
+    /// Takes other projectors. One of which nothing but the matrix is another keeps its buffers, and what of its picture its own or
+    /// the others' calibrations do not make stale; a test pattern stays with its projector's name. Where all are of that kind, as
+    /// when a projector is moved, nothing is made or bound anew.
     ///
     /// # Errors
     /// What Vulkan says of a new projector's buffers; then nothing has changed.
     pub fn set_projectors(&mut self, specs: Vec<ProjectorSpec>) -> Result<(), RenderError> {
-        let same_image = |old: &Projector, spec: &ProjectorSpec| {
-            old.spec.name == spec.name && old.spec.calibration.resolution_px() == spec.calibration.resolution_px()
-        };
         if self.projectors.iter().map(|p| &p.spec).eq(&specs) {
             return Ok(());
         }
@@ -208,11 +209,20 @@ impl Renderer {
         // What can fail comes first.
         let mut made = Vec::new();
         for (index, spec) in specs.iter().enumerate() {
-            let kept = self.projectors.iter().any(|old| same_image(old, spec));
+            let kept = self.projectors.iter().any(|old| old.can_become(spec));
             let new = || Projector::new(&self.device, spec.clone(), index, &self.settings);
             made.push(if kept { None } else { Some(new()?) });
         }
-        let frusta = frusta_buffer(&self.device, specs.len())?;
+        let rebind = specs.len() != self.projectors.len()
+            || specs.iter().zip(&self.projectors).any(|(spec, old)| !old.can_become(spec));
+        if rebind {
+            let calibrations = || specs.iter().map(|spec| &spec.calibration);
+            let frusta = frusta_buffer(&self.device, specs.len())?;
+            if !self.lenses.are_of(calibrations()) {
+                self.lenses = Lenses::new(&self.device, calibrations())?;
+            }
+            self.frusta = frusta;
+        }
 
         // Weights depend on every calibration, a picture on its own.
         let mut old = std::mem::take(&mut self.projectors);
@@ -233,9 +243,8 @@ impl Renderer {
             projector.recalibrate(spec);
             self.projectors.push(projector);
         }
-        self.frusta = frusta;
         self.frusta_written = false;
-        self.rebind = true;
+        self.rebind |= rebind;
         Ok(())
     }
 
@@ -383,7 +392,8 @@ impl Renderer {
         }
 
         // Everything is recorded before the pose is read, so that nothing but a small write lies between the two.
-        let moved = self.moved.table(self.projectors.iter().map(|p| &p.frustum), self.scene.origin_m);
+        let moved =
+            self.moved.table(self.projectors.iter().map(|p| (&p.frustum, p.ideal_tiles.as_ref())), self.scene.origin_m);
         let recorded = self.record_passes(&moved)?;
         let count = self.projectors.len();
         let environment_first = self.scene_buffers.environment_first(&self.scene);
@@ -443,6 +453,8 @@ impl Renderer {
     fn record_passes(&self, moved: &MovedTable) -> Result<Vec<(usize, Commands)>, GpuError> {
         let stale = || self.projectors.iter().enumerate().filter(|(_, p)| p.stale.any());
         let apart = self.settings.blend && self.projectors.len() > 1;
+        let shares = |p: &Projector| self.settings.blend && p.spec.calibration.maps().alpha.is_none();
+        let shares: Vec<bool> = self.projectors.iter().map(shares).collect();
         let mut recorded = Vec::new();
         for (index, projector) in stale().filter(|(_, p)| apart && p.stale.primary.any()) {
             let mut recorder = projector.recorder(&self.device)?;
@@ -454,7 +466,7 @@ impl Renderer {
             if !apart {
                 projector.record_seen(&mut recorder, &self.settings, moved)?;
             }
-            projector.record_shown(&mut recorder, &self.settings, index, moved)?;
+            projector.record_shown(&mut recorder, &self.settings, (index, &shares), moved)?;
             recorded.push((index, recorder.finish()?));
         }
         Ok(recorded)
@@ -499,12 +511,13 @@ impl Renderer {
     /// Brings the shown scene's small sections and the frusta to the device where they differ, and binds what was replaced.
     fn write_sections(&mut self) -> Result<Option<Submission>, GpuError> {
         let mut sections = None;
-        if self.scene_buffers.differs(&self.scene) || !self.frusta_written {
+        if self.scene_buffers.differs(&self.scene) || !self.frusta_written || self.lenses.differs() {
             let mut recorder = Recorder::new(&self.device, 0, "sections")?;
             self.rebind |= self.scene_buffers.update(&mut recorder, &self.scene)?;
             let frusta: Vec<GpuFrustum> =
                 self.projectors.iter().map(|p| GpuFrustum::new(&p.frustum, self.scene.origin_m)).collect();
             recorder.upload(&self.frusta, 0, bytemuck::cast_slice(&frusta))?;
+            self.lenses.write(&mut recorder)?;
             sections = Some(self.device.submit(recorder.finish()?, &[])?);
             self.frusta_written = true;
         }
@@ -514,18 +527,21 @@ impl Renderer {
         } else if sections.is_none() {
             return Ok(None);
         }
-        let (catalogue, pipelines) = (self.catalogue(), self.pipelines()?);
+        let catalogue = self.catalogue();
+        let pipelines: Vec<_> =
+            (0..self.projectors.len()).map(|index| self.pipelines(Some(index))).collect::<Result<_, _>>()?;
         let edges: Vec<_> = self.projectors.iter().map(|p| p.targets.edge.clone()).collect();
-        for projector in &mut self.projectors {
-            projector.take(&self.device, &self.scene, &catalogue, &pipelines, &edges, self.rebind)?;
+        for (projector, pipelines) in self.projectors.iter_mut().zip(&pipelines) {
+            projector.take(&self.device, &self.scene, &catalogue, pipelines, &edges, self.rebind)?;
         }
         self.rebind = false;
         Ok(sections)
     }
 
-    /// The pipelines for the scene as it is; made when such a scene is first shown.
-    fn pipelines(&mut self) -> Result<Arc<Pipelines>, GpuError> {
-        let features = Features::of(&self.scene, self.loads);
+    /// The pipelines for the scene as it is, and for that projector's picture; made when they are first needed.
+    fn pipelines(&mut self, projector: Option<usize>) -> Result<Arc<Pipelines>, GpuError> {
+        let calibration = projector.map(|index| &self.projectors[index].spec.calibration);
+        let features = Features::of(&self.scene, self.loads).of_projector(calibration, self.lenses.any());
         if let Some(made) = self.pipelines.get(&features) {
             return Ok(made.clone());
         }
@@ -536,7 +552,7 @@ impl Renderer {
 
     /// What the projectors of this device share.
     fn catalogue(&self) -> Catalogue {
-        self.scene_buffers.list(Catalogue::default()).with_buffer("Projectors", &self.frusta)
+        self.lenses.list(self.scene_buffers.list(Catalogue::default())).with_buffer("Projectors", &self.frusta)
     }
 
     /// Reads a layer of the frame that was shown last.
@@ -553,7 +569,7 @@ impl Renderer {
     /// # Errors
     /// What Vulkan says.
     pub fn room(&mut self, eye: DVec3, size_px: [u32; 2]) -> Result<LayerImage, RenderError> {
-        let pipelines = self.pipelines()?;
+        let pipelines = self.pipelines(None)?;
         let pictures = self.projectors.iter().map(|p| p.targets.color.clone()).collect();
         let frusta = self.projectors.iter().map(|p| p.frustum.clone()).collect();
         let environment_first = self.scene_buffers.environment_first(&self.scene);

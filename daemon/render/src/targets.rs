@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use lantern_calibration::{Calibration, Optics};
 use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Image, ImageFormat, ImageUsage};
 
 use crate::catalogue::Catalogue;
@@ -52,6 +53,10 @@ pub(crate) struct Targets {
     pub(crate) shown: Arc<Buffer>,
     pub(crate) depth_and_node: Arc<Buffer>,
     pub(crate) color: Arc<Buffer>,
+    /// What the pixels' alpha and beta maps say, 12 bytes a pixel; one pixel where there are none.
+    pub(crate) maps: Arc<Buffer>,
+    /// Where each tile lies in the ideal image behind a lens, 16 bytes a tile; one tile where there is none.
+    pub(crate) ideal_tiles: Arc<Buffer>,
     /// Rays by kind.
     pub(crate) counters: Arc<Buffer>,
     /// Rays themselves, where they are recorded.
@@ -71,9 +76,11 @@ impl Targets {
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
-        size_px: [u32; 2],
+        calibration: &Calibration,
         settings: &Settings,
     ) -> Result<Self, GpuError> {
+        let size_px = calibration.resolution_px().to_array();
+        let has_lens = *calibration.optics() != Optics::Pinhole;
         let samples = settings.samples;
         let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
         let tiles = u64::from(size_px[0].div_ceil(TILE_PX)) * u64::from(size_px[1].div_ceil(TILE_PX));
@@ -109,6 +116,8 @@ impl Targets {
             shown: storage("shown", pixels * 16)?,
             depth_and_node: storage("depth and node", pixels * 8)?,
             color: storage("color", pixels * 4)?,
+            maps: storage("maps", if calibration.maps().is_empty() { 1 } else { pixels } * 12)?,
+            ideal_tiles: storage("ideal tiles", if has_lens { tiles } else { 1 } * 16)?,
             counters: storage("counters", COUNTER_WORDS * 4)?,
             records: record::buffer(device, name, settings.record_rays)?,
         })
@@ -137,6 +146,8 @@ impl Targets {
             // Written at the end of every frame in which edges are measured, so they may use it until then.
             .with_buffer("EdgeScratch", &self.depth_and_node)
             .with_buffer("Color", &self.color)
+            .with_buffer("Maps", &self.maps)
+            .with_buffer("IdealTiles", &self.ideal_tiles)
             .with_buffer("Counters", &self.counters)
             .with_buffer("Records", &self.records)
     }
@@ -159,6 +170,8 @@ impl Targets {
             &self.shown,
             &self.depth_and_node,
             &self.color,
+            &self.maps,
+            &self.ideal_tiles,
             &self.counters,
             &self.records,
         ];

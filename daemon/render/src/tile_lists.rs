@@ -3,6 +3,9 @@
 /// Side of a tile, px. Twin of `TILE_PX` in `include/tiles.glsl`.
 pub const TILE_PX: u32 = 8;
 
+/// Tiles around a changed one in which the distance to occlusion edges may differ. Twin of `EDGE_TILES` in `include/tiles.glsl`.
+pub const EDGE_TILES: i32 = 2;
+
 /// A list of tiles. Twin of the constants in `include/tiles.glsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TileList {
