@@ -31,16 +31,16 @@ need_packages() {
         die "cannot install ${missing[*]}" "see the message above; then run this again"
 }
 
-# need_rust: a Rust toolchain is the one thing that a newcomer brings.
+# need_rust [MANIFEST]: a Rust toolchain is the one thing that a newcomer brings; as late a one as the manifest says.
 need_rust() {
     local bin=${CARGO_HOME:-${HOME:-/root}/.cargo}/bin wanted found
     [ -d "$bin" ] && PATH="$bin:$PATH"
     { command -v cargo && command -v rustc; } >/dev/null ||
         die "there is no Rust toolchain" "see https://rustup.rs, then run this again"
-    wanted=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+    wanted=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' "${1:-Cargo.toml}")
     found=$(rustc --version | cut -d ' ' -f 2)
     [ "$(printf '%s\n' "$wanted" "${found%%-*}" | sort -V | head -n 1)" = "$wanted" ] ||
-        die "this Rust is $found, and Lantern needs $wanted or later" "rustup update, or see https://rustup.rs"
+        die "this Rust is $found, and $wanted or later is needed" "rustup update, or see https://rustup.rs"
 }
 
 # need_cargo COMMAND…: commands of cargo that a minimal toolchain lacks.

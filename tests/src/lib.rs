@@ -9,4 +9,5 @@ pub mod lenses;
 pub mod models;
 pub mod oracle;
 pub mod random;
+pub mod senders;
 pub mod stage;

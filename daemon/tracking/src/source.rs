@@ -173,8 +173,10 @@ impl Source {
             };
             updates.push((id.clone(), self.checked(reading, id)?));
         }
-        // Of strange bodies alone nothing can be used, and whoever configures must hear it. No body at all is a fact.
+        // Of strange bodies alone nothing can be used, and whoever configures must hear it; but for a tracker that tells of all
+        // bodies at once: it says that it does not see ours.
         if updates.is_empty()
+            && !heard.is_everything
             && let Some(stranger) = heard.readings.first()
         {
             return bad(format!("body id {}, which `bodies` does not have", stranger.body));

@@ -228,6 +228,10 @@ fn natnet_frames_of_every_version() {
         assert!(status.bodies.values().all(|body| !body.tracked), "{status:?}");
         assert!((listener.pose("head").0.x - 0.1).abs() < 1e-6);
         listener.bad(&natnet(version, 99, 12.5, &[head]), "old: frame 99");
+        // Others alone are everything that it sees.
+        listener.good(&natnet(version, 101, 12.5, &[head]));
+        let status = listener.good(&natnet(version, 101, 12.5, &[(9, [0.0; 3], left, true)]));
+        assert!(status.bodies.values().all(|body| !body.tracked), "{status:?}");
 
         // One that is broken spoils all.
         let broken = (2, [1.0, f32::INFINITY, 1.0], left, true);
