@@ -1,11 +1,11 @@
 // Sends a frame of PosiStageNet by @jwetzell/posistagenet, and the trackers' names.
 //
-// psn.cjs PORT TRACKERS: TRACKERS is JSON, [{id, name, position, rotation, speed?, validity?}, …]. Prints in how many packets it went.
+// psn.cjs ADDRESS:PORT TRACKERS: TRACKERS is JSON, [{id, name, position, rotation, speed?, validity?}, …]. Prints in how many packets it went.
 
 const dgram = require("dgram");
 const { Encoder, Tracker } = require("@jwetzell/posistagenet");
 
-const port = Number(process.argv[2]);
+const [address, port] = process.argv[2].split(":");
 const trackers = JSON.parse(process.argv[3]).map(({ id, name, position, rotation, speed, validity }) => {
   const tracker = new Tracker(id, name);
   tracker.setPos(...position);
@@ -26,7 +26,7 @@ const next = () => {
     console.log(packets.length);
     socket.close();
   } else {
-    socket.send(packet, port, "127.0.0.1", next);
+    socket.send(packet, Number(port), address, next);
   }
 };
 next();

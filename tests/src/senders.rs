@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use glam::{DMat3, DQuat, DVec3};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::client::Client;
 
@@ -69,6 +69,29 @@ impl Pose {
     pub fn seen(&self, theirs_from_ours: DMat3) -> (DVec3, DMat3) {
         (theirs_from_ours * self.position_m, theirs_from_ours * self.rotation * theirs_from_ours.transpose())
     }
+}
+
+/// Unity's axes in ours, and PosiStageNet's: x right, y up, z ahead.
+pub fn unity() -> DMat3 {
+    DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0))
+}
+
+/// Sends a frame of PosiStageNet with trackers of these numbers, each with the pose of its number and called "Singer" with it, by npm's
+/// encoder. Gives in how many packets it went.
+///
+/// # Errors
+/// Where the encoder or node is not there.
+pub fn psn(to: &str, numbers: std::ops::RangeInclusive<u32>) -> Result<u32> {
+    let tracker = |number: u32| {
+        let (p, r) = Pose::number(number).seen(unity());
+        let turn = DQuat::from_mat3(&r).to_scaled_axis();
+        json!({"id": number, "name": format!("Singer {number}"), "position": p.to_array(), "rotation": turn.to_array()})
+    };
+    let trackers: Value = numbers.map(tracker).collect();
+    let mut node = Command::new("node");
+    node.env("NODE_PATH", installed("node/node_modules")?);
+    let packets = send(node.arg(script("psn.cjs")).args([to, &trackers.to_string()]))?;
+    Ok(packets.trim().parse()?)
 }
 
 /// Waits until a body has a pose.

@@ -13,7 +13,7 @@ use glam::{DMat3, DQuat, DVec3, EulerRot};
 use lantern_tests::client::Client;
 use lantern_tests::harness::Daemon;
 use lantern_tests::lab;
-use lantern_tests::senders::{Pose, arrives, installed, port, script, send};
+use lantern_tests::senders::{Pose, arrives, installed, port, psn, script, send, unity};
 use natnet::{PlannedBody, SyntheticServer, Version};
 use serde_json::{Value, json};
 use vmc::rosc::encoder::encode;
@@ -41,11 +41,6 @@ const TRACKERS: [(&str, &str); 13] = [
 
 fn rows(x: DVec3, y: DVec3, z: DVec3) -> DMat3 {
     DMat3::from_cols(x, y, z).transpose()
-}
-
-/// x right, y up, z ahead.
-fn unity() -> DMat3 {
-    rows(DVec3::X, DVec3::Y, DVec3::NEG_Z)
 }
 
 /// x right, y ahead, z up.
@@ -247,18 +242,9 @@ fn natnet_unicast(lab: &mut Lab, server: &UdpSocket) {
 
 /// npm's encoder of PosiStageNet: as many trackers as fill several packets, one of them known by its name.
 fn posistagenet(lab: &mut Lab) {
-    let tracker = |number: u32| {
-        let pose = Pose::number(number);
-        let (p, r) = pose.seen(unity());
-        let turn = DQuat::from_mat3(&r).to_scaled_axis();
-        json!({"id": number, "name": format!("Singer {number}"), "position": p.to_array(), "rotation": turn.to_array()})
-    };
-    let trackers: Value = (1..=60).map(tracker).collect();
-    let port = port(&mut lab.client, "psn").unwrap().to_string();
-    let mut node = Command::new("node");
-    node.env("NODE_PATH", installed("node/node_modules").unwrap());
-    let packets = send(node.arg(script("psn.cjs")).args([&port, &trackers.to_string()])).unwrap();
-    assert!(packets.trim().parse::<u32>().unwrap() > 1, "one packet is no test of gathering");
+    let to = lab.to("psn").to_string();
+    let packets = psn(&to, 1..=60).unwrap();
+    assert!(packets > 1, "one packet is no test of gathering");
     lab.arrives("psn", &Pose::number(60));
     let status = lab.arrives("spare", &Pose::number(3));
     assert_eq!(status["trackers"]["psn"]["incomplete"], 0);
