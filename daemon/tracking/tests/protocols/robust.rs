@@ -10,6 +10,7 @@ use crate::packets::*;
 use glam::DVec3;
 use lantern_tracking::Bodies;
 use proptest::prelude::*;
+use std::path::Path;
 
 /// A protocol: the tracker's keys, and good packets of it, which together move `head`.
 struct Sample {
@@ -178,6 +179,56 @@ fn lengths_may_lie() {
                     hear_all(&mut listener, &sample.packets[..at]);
                     hear(&mut listener, &damaged);
                 }
+            }
+        }
+    }
+}
+
+/// The fuzzers' corpus, and which of their targets a sample is of, with the byte by which that chooses among several trackers.
+const CORPUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fuzz/corpus");
+
+fn fuzzed(number: usize) -> (&'static str, Option<u8>) {
+    [
+        ("lantern", None),
+        ("freed", None),
+        ("opentrack", None),
+        ("dtrack", None),
+        ("psn", None),
+        ("natnet", Some(0)),
+        ("natnet", Some(1)),
+        ("natnet", Some(3)),
+        ("osc", Some(0)),
+        ("osc", Some(1)),
+        ("osc", Some(2)),
+        ("osc", Some(3)),
+    ][number]
+}
+
+/// What the fuzzers have found worth keeping is heard by every tracker of its protocol, and harms none. The samples are there, too.
+#[test]
+fn the_stored_corpus_is_harmless() {
+    for (number, sample) in samples().iter().enumerate() {
+        let (target, choice) = fuzzed(number);
+        let folder = Path::new(CORPUS).join(format!("tracker_{target}"));
+        let framed =
+            sample.packets.iter().flat_map(|packet| [&(packet.len() as u16).to_le_bytes()[..], packet].concat());
+        let seed: Vec<u8> = choice.into_iter().chain(framed).collect();
+        let file = folder.join(format!("sample-{number}"));
+        if std::env::var_os("LANTERN_BLESS").is_some() {
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(&file, &seed).unwrap();
+        }
+        let stored = std::fs::read(&file).unwrap();
+        assert!(stored == seed, "{} is not the sample; hint: LANTERN_BLESS=1 writes it", file.display());
+
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let data = std::fs::read(entry.unwrap().path()).unwrap();
+            let mut rest = if choice.is_some() { data.get(1..).unwrap_or_default() } else { &data[..] };
+            let mut listener = Listener::new(sample.keys);
+            while let [low, high, after @ ..] = rest {
+                let (datagram, after) = after.split_at(after.len().min(usize::from(u16::from_le_bytes([*low, *high]))));
+                hear(&mut listener, datagram);
+                rest = after;
             }
         }
     }
