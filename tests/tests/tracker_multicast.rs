@@ -2,13 +2,13 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests, where a failure is a failed test")]
 
 use std::env;
+use std::fs;
 use std::net::UdpSocket;
 use std::process::Command;
-use std::sync::Arc;
 use std::time::Duration;
 
 use glam::DQuat;
-use lantern_tests::harness::{Daemon, program};
+use lantern_tests::harness::{Daemon, program, run};
 use lantern_tests::lab;
 use lantern_tests::senders::{Pose, arrives, psn};
 use natnet::{PlannedBody, SyntheticServer, Version};
@@ -55,10 +55,15 @@ fn config(psn_interface: &str) -> String {
 
 fn inside() {
     // An interface that is not there is said in words, with those that are.
-    let folder = Arc::new(tempfile::tempdir().unwrap());
-    let ended = Daemon::try_start_in(&folder, &config("nosuch0")).unwrap().unwrap_err();
+    let folder = tempfile::tempdir().unwrap();
+    let [file, socket] = ["lantern.toml", "socket"].map(|name| folder.path().join(name));
+    fs::write(&file, config("nosuch0")).unwrap();
+    let arguments = ["run", "-c", file.to_str().unwrap(), "--socket", socket.to_str().unwrap()];
+    let ended = run("lanternd", &arguments).unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert!(!ended.status.success(), "{said}");
     for words in ["tracker `stage` cannot join 236.10.10.10 on `nosuch0`", "hint: there are lo;"] {
-        assert!(ended.stderr.contains(words), "{}", ended.stderr);
+        assert!(said.contains(words), "{said}");
     }
 
     let daemon = Daemon::start(&config("lo")).unwrap();

@@ -48,9 +48,9 @@ pub enum TrackerError {
 
 /// The interfaces that there are, for whoever named another.
 fn interfaces() -> String {
-    let mut names: Vec<String> = fs::read_dir("/sys/class/net")
-        .map(|entries| entries.flatten().filter_map(|entry| entry.file_name().into_string().ok()).collect())
-        .unwrap_or_default();
+    // Two lines of headings, then a line a device, which begins with its name and a colon.
+    let table = fs::read_to_string("/proc/self/net/dev").unwrap_or_default();
+    let mut names: Vec<_> = table.lines().skip(2).filter_map(|line| Some(line.split_once(':')?.0.trim())).collect();
     names.sort_unstable();
     match names.as_slice() {
         [] => "`ip address` lists the interfaces; the loopback one may lack the flag MULTICAST".to_owned(),
