@@ -7,6 +7,7 @@
 //! The format is the contract's ("Config"), and two additions: `[[scene.material]]` and `[[scene.light]]` take the
 //! fields of the edits of the same name, and `[limits]` bounds what is taken in (see [`Limits`]).
 
+mod calibration;
 mod load;
 mod places;
 mod problem;
@@ -16,13 +17,13 @@ mod reader;
 mod scene;
 mod types;
 
+pub use calibration::{Calibration, CalibrationFile, Convention, Format, Matrices, Matrix4, Order, Unit};
 pub use places::Places;
 pub use problem::Problem;
 pub use protocol::{Axes, Dtrack, Natnet, NatnetVersion, Opentrack, Osc, OscArgument, OscPattern, Protocol};
 pub use scene::{Environment, LightKind, Role, Scene, SceneLight, SceneMaterial, SceneNode};
 pub use types::{
-    Body, Calibration, Config, Convention, Daemon, Device, Drives, Limits, Matrix4, Output, Projector, RasterOrder,
-    RayTracing, Render, Tracker,
+    Body, Config, Daemon, Device, Drives, Limits, Output, Projector, RasterOrder, RayTracing, Render, Tracker,
 };
 
 /// The demo's configuration, commented; also the place to start a configuration of one's own from.

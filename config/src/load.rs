@@ -79,7 +79,7 @@ fn read_root(root: Table<'_>, base_dir: &Path) -> Option<Config> {
     if tables.is_empty() {
         root.problem("there is no projector", "add a [[projector]] with name, resolution_px and calibration");
     }
-    let projectors = read::projector::projectors(tables);
+    let projectors = read::projector::projectors(tables, base_dir);
     root.finish();
 
     Some(Config {

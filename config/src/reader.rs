@@ -2,9 +2,9 @@
 //!
 //! A reader that finds a problem notes it and gives `None`, and the reading goes on, so that one run finds everything.
 
+use crate::calibration::Matrix4;
 use crate::places::Places;
 use crate::problem::Problem;
-use crate::types::Matrix4;
 use std::cell::RefCell;
 use std::ops::{Range, RangeInclusive};
 use toml::de::{DeTable, DeValue};

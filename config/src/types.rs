@@ -3,15 +3,13 @@
 //! Vectors are arrays in metres, quaternions x, y, z, w, matrices arrays of rows, all in the world frame: right-handed,
 //! +Y up. Paths are absolute or relative to the working folder: those of the file have been joined to its folder.
 
+use crate::calibration::{Calibration, Matrix4};
 use crate::places::Places;
 use crate::protocol::Protocol;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
-
-/// A 4 × 4 matrix as rows.
-pub type Matrix4 = [[f64; 4]; 4];
 
 /// A whole configuration.
 #[derive(Clone, Debug, PartialEq)]
@@ -174,26 +172,6 @@ pub enum Output {
         /// From a frame's completion to its light, ms; 0 to 1000.
         latency_ms: f64,
     },
-}
-
-/// A projector's matrices; each is finite and invertible.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Calibration {
-    /// The clip space that `projection` leads to.
-    pub convention: Convention,
-    /// Clip from eye.
-    pub projection: Matrix4,
-    /// Eye from world.
-    pub view: Matrix4,
-}
-
-/// Clip spaces.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Convention {
-    /// y up, z from −1 to 1.
-    OpenGl,
-    /// y down, z from 0 to 1.
-    Vulkan,
 }
 
 /// Bounds on what is taken in, so that memory is bounded whatever a client sends. Our addition to the contract.

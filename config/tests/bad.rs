@@ -359,12 +359,39 @@ fn what_is_not_built_is_refused_in_words() {
     one("\"viewer\"", "\"projector:left\"", "not built yet");
     one("resolution_px", "output = { kind = \"window\" }\nresolution_px", "not built yet");
     one("resolution_px", "output = { kind = \"display\", connector = \"DP-1\" }\nresolution_px", "not built yet");
-    let start = GOOD.find("convention").unwrap();
-    let found = problems(&format!("{}file = \"left.yml\"\nformat = \"opencv\"\n", &GOOD[..start]));
-    assert_eq!(found.len(), 1, "{found:#?}");
-    assert!(found[0].message.contains("not built yet"), "{}", found[0]);
-    one("convention =", "file = \"left.yml\"\nconvention =", "matrices or a file");
+}
+
+#[test]
+fn calibrations_are_matrices_or_a_file() {
+    one("convention =", "file = \"left.yml\"\nformat = \"opencv\"\nconvention =", "matrices or a file");
     one("convention =", "format = \"opencv\"\nconvention =", "without `file`");
+    for key in
+        ["entry = \"a\"", "unit = \"m\"", "resolution_px = [8, 8]", "near_m = 1", "far_m = 2", "world_from_file = []"]
+    {
+        one("convention =", &format!("{key}\nconvention ="), "is of no use without `file`");
+    }
+    one("convention =", "order = \"rows\"\nconvention =", "did you mean \"row\"? there are \"row\", \"column\"");
+
+    let start = GOOD.find("convention").unwrap();
+    let file = |keys: &str, says: &str| {
+        let found = problems(&format!("{}file = \"left\"\n{keys}\n", &GOOD[..start]));
+        let [problem] = found.as_slice() else { panic!("not one problem: {found:#?}") };
+        assert!(problem.to_string().contains(says), "`{problem}` does not say `{says}`");
+    };
+    file("", "no `format`, which is required; hint: add format = \"opencv\", \"mpcdi\", \"roomalive\" or \"splash\"");
+    file("format = \"open-cv\"", "did you mean \"opencv\"?");
+    file("format = \"opencv\"\nunit = \"metre\"", "there are \"mm\", \"cm\", \"dm\", \"m\", \"in\", \"ft\", \"yd\"");
+    file("format = \"splash\"\nresolution_px = [0, 8]", "from 1 to 16384");
+    file("format = \"splash\"\nnear_m = 0", "from 0.0001 to 10000");
+    file("format = \"splash\"\nnear_m = 2\nfar_m = 2", "`near_m` is 2; hint: the far plane lies beyond");
+    file("format = \"splash\"\nentry = \"\"", "no usable name");
+    file("format = \"mpcdi\"\norder = \"column\"", "a file of format \"mpcdi\" says it itself");
+    file(
+        "format = \"splash\"\nworld_from_file = [[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]",
+        "bends or stretches space",
+    );
+    file("format = \"roomalive\"\nview = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "says it itself");
+    file("format = \"opencv\"\nunits = \"mm\"", "did you mean `unit`?");
 }
 
 #[test]

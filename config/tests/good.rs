@@ -2,7 +2,8 @@
 
 use glam::{DMat4, DVec3, DVec4};
 use lantern_config::{
-    Config, Convention, DEMO_TOML, Drives, Environment, Limits, Output, Projector, RasterOrder, RayTracing, Role,
+    Calibration, Config, Convention, DEMO_TOML, Drives, Environment, Format, Limits, Matrices, Order, Output,
+    Projector, RasterOrder, RayTracing, Role, Unit,
 };
 use std::path::{Path, PathBuf};
 
@@ -85,8 +86,8 @@ fn the_contracts_example() {
     let projector = &config.projectors[0];
     assert_eq!(projector.resolution_px, [1280, 800]);
     assert_eq!(projector.output, Output::Headless { refresh_hz: 60.0, latency_ms: 0.0 });
-    assert_eq!(projector.calibration.convention, Convention::OpenGl);
-    assert_eq!(projector.calibration.view[1], [0.0, 1.0, 0.0, -1.0]);
+    assert_eq!(matrices(projector).convention, Convention::OpenGl);
+    assert_eq!(matrices(projector).view[1], [0.0, 1.0, 0.0, -1.0]);
     assert_eq!(config.limits, Limits::default());
 }
 
@@ -127,6 +128,62 @@ fn relative_paths_start_from_the_files_folder() {
 }
 
 #[test]
+fn a_calibration_may_be_a_file() {
+    let start = CONTRACT.find("convention =").unwrap();
+    let of = |keys: &str| {
+        let config = parse(&format!("{}{keys}", &CONTRACT[CONTRACT.find("[[projector]]").unwrap()..start]));
+        match config.projectors[0].calibration.clone() {
+            Calibration::File(file) => file,
+            Calibration::Matrices(matrices) => panic!("{matrices:?}"),
+        }
+    };
+    let bare = of("file = \"left.yml\"\nformat = \"opencv\"");
+    assert_eq!((bare.path.as_path(), bare.format), (Path::new("/base/left.yml"), Format::OpenCv));
+    assert_eq!((bare.entry, bare.unit, bare.resolution_px, bare.near_m, bare.far_m, bare.view), Default::default());
+    assert_eq!((bare.convention, bare.order), (Convention::Vulkan, Order::Row));
+    assert_eq!(DMat4::from_cols_array_2d(&bare.world_from_file), DMat4::IDENTITY);
+
+    let full = of(
+        "file = \"/srv/all.json\"\nformat = \"opencv\"\nentry = \"left\"\nunit = \"in\"\nresolution_px = [1920, 1080]\n\
+                   near_m = 0.05\nfar_m = 30\nconvention = \"opengl\"\norder = \"column\"\n\
+                   view = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[1,2,3,1]]\n\
+                   world_from_file = [[0,2,0,1],[2,0,0,2],[0,0,2,3],[0,0,0,1]]",
+    );
+    assert_eq!(
+        (full.path.as_path(), full.entry.as_deref(), full.unit),
+        (Path::new("/srv/all.json"), Some("left"), Some(Unit::Inch))
+    );
+    assert_eq!((full.resolution_px, full.near_m, full.far_m), (Some([1920, 1080]), Some(0.05), Some(30.0)));
+    assert_eq!((full.convention, full.order), (Convention::OpenGl, Order::Column));
+    assert_eq!(full.view.unwrap()[1], [0.0, 1.0, 0.0, 2.0], "by columns");
+    // A mirroring is allowed: the worlds of some are left-handed.
+    assert_eq!(full.world_from_file[0], [0.0, 2.0, 0.0, 1.0]);
+    for format in Format::ALL {
+        assert_eq!(of(&format!("file = \"f\"\nformat = {:?}", format.as_str())).format, format);
+    }
+    for unit in Unit::ALL {
+        assert_eq!(of(&format!("file = \"f\"\nformat = \"splash\"\nunit = {:?}", unit.as_str())).unit, Some(unit));
+    }
+}
+
+#[test]
+fn matrices_may_be_stored_by_columns() {
+    let columns = CONTRACT
+        .replace(
+            "[[1,0,0,0],[0,1.6,0,0],[0,0,-1.01,-0.2],[0,0,-1,0]]",
+            "[[1,0,0,0],[0,1.6,0,0],[0,0,-1.01,-1],[0,0,-0.2,0]]",
+        )
+        .replace(
+            "[[1,0,0,0],[0,1,0,-1],[0,0,1,-2],[0,0,0,1]]",
+            "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,-1,-2,1]]\norder = \"column\"",
+        );
+    let (rows, columns) = (parse(CONTRACT), parse(&columns));
+    let [rows, columns] = [&rows, &columns].map(|config| matrices(&config.projectors[0]));
+    assert_eq!((rows.projection, rows.view), (columns.projection, columns.view));
+    assert_eq!((rows.order, columns.order), (Order::Row, Order::Column));
+}
+
+#[test]
 fn a_device_may_be_a_bare_index() {
     let start = CONTRACT.find("[[projector]]").unwrap();
     let config = parse(&format!("[device]\nselect = 1\n{}", &CONTRACT[start..]));
@@ -147,15 +204,22 @@ fn a_device_traces_by_what_the_configuration_says() {
     }
 }
 
+fn matrices(projector: &Projector) -> &Matrices {
+    match &projector.calibration {
+        Calibration::Matrices(matrices) => matrices,
+        Calibration::File(file) => panic!("a file: {file:?}"),
+    }
+}
+
 fn clip_from_world(projector: &Projector) -> DMat4 {
     let rows = |rows| DMat4::from_cols_array_2d(&rows).transpose();
-    rows(projector.calibration.projection) * rows(projector.calibration.view)
+    rows(matrices(projector).projection) * rows(matrices(projector).view)
 }
 
 /// Where a point of the world is in the image, each side from −1 to 1, with +1 to the right and on top.
 fn image_from_world(projector: &Projector, point_m: DVec3) -> Option<[f64; 2]> {
     let clip: DVec4 = clip_from_world(projector) * point_m.extend(1.0);
-    let up = if projector.calibration.convention == Convention::OpenGl { 1.0 } else { -1.0 };
+    let up = if matrices(projector).convention == Convention::OpenGl { 1.0 } else { -1.0 };
     (clip.w > 0.0).then(|| [clip.x / clip.w, up * clip.y / clip.w])
 }
 
@@ -167,7 +231,7 @@ fn the_demos_projectors_look_at_the_same_scene() {
     assert_eq!(config.viewer().unwrap().drives, Some(Drives::Viewer));
     let names: Vec<_> = config.projectors.iter().map(|p| p.name.as_str()).collect();
     assert_eq!(names, ["left", "right"]);
-    assert_ne!(config.projectors[0].calibration.convention, config.projectors[1].calibration.convention);
+    assert_ne!(matrices(&config.projectors[0]).convention, matrices(&config.projectors[1]).convention);
 
     for projector in &config.projectors {
         // The middle of the picture is the middle of the scene, and what is higher in the world is higher in it.
@@ -182,7 +246,7 @@ fn the_demos_projectors_look_at_the_same_scene() {
             assert!(x.abs() < 0.8 && y.abs() < 0.8, "{} sees {} at {x} {y}", projector.name, node.name);
         }
         // Depth grows away from the projector, between the limits of its convention.
-        let near = if projector.calibration.convention == Convention::OpenGl { -1.0 } else { 0.0 };
+        let near = if matrices(projector).convention == Convention::OpenGl { -1.0 } else { 0.0 };
         let clip = clip_from_world(projector) * DVec4::new(0.0, 0.2, 0.0, 1.0);
         assert!((near..1.0).contains(&(clip.z / clip.w)));
     }

@@ -1,17 +1,9 @@
 //! `[daemon]`, `[device]`, `[render]` and `[limits]`.
 
-use crate::reader::{Table, Value};
+use super::path;
+use crate::reader::Table;
 use crate::types::{Daemon, Device, Limits, RasterOrder, RayTracing, Render};
-use std::path::{Path, PathBuf};
-
-fn path(value: &Value<'_>, base_dir: &Path) -> Option<PathBuf> {
-    let text = value.string()?;
-    if text.is_empty() || text.contains('\0') {
-        value.problem(format!("`{}` is no path", value.path), "name a path, or leave the key out");
-        return None;
-    }
-    Some(base_dir.join(text))
-}
+use std::path::Path;
 
 pub(crate) fn daemon(table: Table<'_>, base_dir: &Path) -> Daemon {
     let one = |key| table.get(key).and_then(|value| path(&value, base_dir));

@@ -1,37 +1,42 @@
 //! `[[projector]]`.
 
+use super::calibration::calibration;
 use super::unique_name;
 use crate::reader::{Table, Value};
-use crate::types::{Calibration, Convention, Output, Projector};
+use crate::types::{Output, Projector};
 use std::collections::HashSet;
+use std::path::Path;
 
 /// The largest side of an image: what every Vulkan driver in use can render to.
 const MAX_SIDE_PX: f64 = 16_384.0;
 
-pub(crate) fn projectors(tables: Vec<Table<'_>>) -> Option<Vec<Projector>> {
+pub(crate) fn projectors(tables: Vec<Table<'_>>, base_dir: &Path) -> Option<Vec<Projector>> {
     let mut taken = HashSet::new();
-    let projectors: Vec<_> = tables.into_iter().map(|table| projector(table, &mut taken)).collect();
+    let projectors: Vec<_> = tables.into_iter().map(|table| projector(table, &mut taken, base_dir)).collect();
     projectors.into_iter().collect()
 }
 
-fn projector(table: Table<'_>, taken: &mut HashSet<String>) -> Option<Projector> {
+fn projector(table: Table<'_>, taken: &mut HashSet<String>, base_dir: &Path) -> Option<Projector> {
     let name = unique_name(&table, "projector", taken, "\"left\"");
-    let resolution_px = table.required("resolution_px", "[1280, 800]").and_then(|value| {
-        let is_side = |x: f64| x.fract() == 0.0 && (1.0..=MAX_SIDE_PX).contains(&x);
-        let sides: [f64; 2] = value.numbers_where("that is whole, from 1 to 16384", is_side)?;
-        // Whole and in range, so the conversion is exact.
-        Some(sides.map(|side| side as u32))
-    });
+    let resolution_px = table.required("resolution_px", "[1280, 800]").and_then(|value| resolution_px(&value));
     let output = match table.get("output") {
         None => Some(Output::Headless { refresh_hz: 60.0, latency_ms: 0.0 }),
         Some(value) => value.table().and_then(output),
     };
     let calibration = table
-        .required("calibration", "{ convention = …, projection = …, view = … }")
+        .required("calibration", "{ convention = …, projection = …, view = … } or { file = …, format = … }")
         .and_then(|value| value.table())
-        .and_then(calibration);
+        .and_then(|table| calibration(table, base_dir));
     table.finish();
     Some(Projector { name: name?, resolution_px: resolution_px?, output: output?, calibration: calibration? })
+}
+
+/// The sides of an image.
+pub(super) fn resolution_px(value: &Value<'_>) -> Option<[u32; 2]> {
+    let is_side = |x: f64| x.fract() == 0.0 && (1.0..=MAX_SIDE_PX).contains(&x);
+    let sides: [f64; 2] = value.numbers_where("that is whole, from 1 to 16384", is_side)?;
+    // Whole and in range, so the conversion is exact.
+    Some(sides.map(|side| side as u32))
 }
 
 fn output(table: Table<'_>) -> Option<Output> {
@@ -60,40 +65,4 @@ fn output(table: Table<'_>) -> Option<Output> {
     table.finish();
     let (refresh_hz, latency_ms) = (refresh_hz.unwrap_or(60.0), latency_ms.unwrap_or_default());
     (kind == Some(Kind::Headless)).then_some(Output::Headless { refresh_hz, latency_ms })
-}
-
-fn calibration(table: Table<'_>) -> Option<Calibration> {
-    let (file, format, entry) = (table.get("file"), table.get("format"), table.get("entry"));
-    let conventions = [("opengl", Convention::OpenGl), ("vulkan", Convention::Vulkan)];
-
-    // A calibration by file is refused, but said to be wrong first where it is mixed with matrices.
-    if let Some(file) = file {
-        let matrices = [table.get("projection"), table.get("view")];
-        if let Some(matrix) = matrices.iter().flatten().next() {
-            let message =
-                format!("`{}` stands beside `{}`: a calibration has matrices or a file", file.path, matrix.path);
-            file.problem(message, "remove `file`, `format` and `entry`");
-        } else {
-            let hint = "write convention, projection and view, as the commented default does";
-            file.problem("calibration files are not built yet", hint);
-        }
-        table.get("convention").and_then(|value| value.choice(&conventions));
-        table.finish();
-        return None;
-    }
-    for value in [format, entry].into_iter().flatten() {
-        value.problem(format!("`{}` is of no use without `file`", value.path), "remove it");
-    }
-
-    let convention = table.get("convention");
-    if convention.is_none() {
-        let hint = "add convention = \"opengl\" (y up, z from -1 to 1) or \"vulkan\" (y down, z from 0 to 1): the clip \
-                    space that `projection` leads to, which nothing else tells";
-        table.problem("the calibration has no `convention`, which is required", hint);
-    }
-    let convention = convention.and_then(|value| value.choice(&conventions));
-    let matrix = |key| table.required(key, "[[…], […], […], […]]").and_then(|value: Value<'_>| value.matrix());
-    let (projection, view) = (matrix("projection"), matrix("view"));
-    table.finish();
-    Some(Calibration { convention: convention?, projection: projection?, view: view? })
 }

@@ -1,10 +1,10 @@
 //! `[[body]]` and `[[tracker]]`.
 
 use super::protocol::{body_id, has_one_body, protocol};
-use super::{known_name, unique_name};
+use super::{IDENTITY, known_name, similarity, unique_name};
 use crate::protocol::{Natnet, Protocol};
 use crate::reader::{Table, Value};
-use crate::types::{Body, Drives, Matrix4, Tracker};
+use crate::types::{Body, Drives, Tracker};
 use std::collections::{BTreeMap, HashSet};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
@@ -13,8 +13,6 @@ const MAX_DISTANCE_M: f64 = 1e8;
 
 /// The farthest that anything is predicted, ms; `tracking` holds predictions to the same.
 const MAX_PREDICT_MS: f64 = 150.0;
-
-const IDENTITY: Matrix4 = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
 
 pub(crate) fn bodies(tables: Vec<Table<'_>>, nodes: &HashSet<String>) -> Option<Vec<Body>> {
     let (mut taken, mut driven) = (HashSet::new(), HashSet::new());
@@ -98,7 +96,11 @@ fn tracker(
         .and_then(|value| bodies_by_id(&value, protocol.as_ref(), known_bodies));
     let world_from_tracker = match table.get("world_from_tracker") {
         None => Some(IDENTITY),
-        Some(value) => similarity(&value),
+        Some(value) => {
+            let hint = "take a rotation, at most with a translation and one scale for all axes; a mirrored tracker is \
+                        to be set right at its own end";
+            similarity(&value, false, hint)
+        }
     };
     let predict_lead_ms = match table.get("predict_ms") {
         None => Some(None),
@@ -247,21 +249,4 @@ fn bodies_by_id(
         good = false;
     }
     good.then_some(bodies)
-}
-
-/// A matrix that keeps shapes and hands: a rotation, a uniform scale and a translation.
-fn similarity(value: &Value<'_>) -> Option<Matrix4> {
-    let matrix = value.matrix()?;
-    let [x, y, z] = [0, 1, 2].map(|column| glam::DVec3::from_array([0, 1, 2].map(|row: usize| matrix[row][column])));
-    let scale = x.length();
-    let even = |length: f64| (length / scale - 1.0).abs() < 1e-3;
-    let square = |dot: f64| (dot / (scale * scale)).abs() < 1e-3;
-    let keeps_shape = even(y.length()) && even(z.length()) && square(x.dot(y)) && square(y.dot(z)) && square(z.dot(x));
-    if matrix[3] != [0.0, 0.0, 0.0, 1.0] || !keeps_shape || x.cross(y).dot(z) <= 0.0 {
-        let hint = "take a rotation, at most with a translation and one scale for all axes; a mirrored tracker is to \
-                    be set right at its own end";
-        value.problem(format!("`{}` bends, stretches or mirrors space", value.path), hint);
-        return None;
-    }
-    Some(matrix)
 }

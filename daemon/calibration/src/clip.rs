@@ -138,15 +138,6 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// From a projector of the configuration.
-    ///
-    /// # Errors
-    /// As [`Calibration::from_matrices`].
-    pub fn from_config(projector: &lantern_config::Projector) -> Result<Self, CalibrationError> {
-        let lantern_config::Calibration { convention, projection, view } = &projector.calibration;
-        Self::from_matrices(projection, view, (*convention).into(), projector.resolution_px.into())
-    }
-
     /// From projection (clip from view) and view (view from world), both as arrays of rows, and the size of the image.
     ///
     /// A matrix and its negative are the same projective map, and pose estimation yields either. Where the given sign

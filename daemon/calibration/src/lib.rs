@@ -8,8 +8,10 @@
 mod brown_conrady;
 mod clip;
 pub mod describe;
+pub mod formats;
 mod frustum;
 mod lens;
+mod load;
 mod maps;
 mod packed;
 mod packed_lens;
@@ -20,6 +22,7 @@ pub use brown_conrady::{BrownConrady, BrownConradyError, LENS_STEPS, OneToOne};
 pub use clip::{Calibration, CalibrationError, Convention, Matrix4};
 pub use frustum::{Frustum, Projected, Ray};
 pub use lens::{Lens, LensError, Optics};
+pub use load::LoadError;
 pub use maps::{Map, Maps, MapsError};
 pub use packed::{GpuFrustum, GpuRay};
 pub use packed_lens::{GpuLens, LENS_BROWN_CONRADY, LENS_NONE, LENS_WARP};

@@ -13,7 +13,7 @@ use lantern_proto::status::{DeviceStatus, ProjectorStatus, QueueStatus, SceneSta
 use lantern_proto::{
     Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pattern, PatternRequest, Pose, Reloaded, SceneGet, Status,
 };
-use lantern_render::LayerImage;
+use lantern_render::{LayerImage, ProjectorSpec};
 use lantern_scene::{EditError, Editor, Scene, SceneProblem, may_take_long};
 use lantern_tracking::Trackers;
 
@@ -38,6 +38,8 @@ pub struct DaemonEngine {
     store: Option<Store>,
     config_path: PathBuf,
     config: Mutex<Config>,
+    /// The configuration's projectors, with what their calibration files held when they were read.
+    projectors: Mutex<Vec<ProjectorSpec>>,
     /// Held while a revision is made, shown and kept, so that what is kept is never older than what was acknowledged. What takes
     /// long is made ready before.
     applying: Mutex<()>,
@@ -53,7 +55,7 @@ impl DaemonEngine {
         store: Option<Store>,
         background: Background,
         config_path: PathBuf,
-        config: Config,
+        (config, projectors): (Config, Vec<ProjectorSpec>),
     ) -> Self {
         Self {
             start: Instant::now(),
@@ -64,6 +66,7 @@ impl DaemonEngine {
             store,
             config_path,
             config: Mutex::new(config),
+            projectors: Mutex::new(projectors),
             applying: Mutex::new(()),
             background,
         }
@@ -390,13 +393,15 @@ impl Engine for DaemonEngine {
         let scene = next.current();
         lock(&self.trackers).configure(&config.trackers).map_err(|e| refused(e.to_string()))?;
 
-        // Projectors that stay as they are keep their pictures.
-        let shown = if config.projectors == old.projectors && config.render == old.render {
+        // Projectors that stay as they are keep their pictures. One that a file describes may change while the configuration
+        // does not.
+        let same_projectors = config.projectors == old.projectors && loaded.projectors == *lock(&self.projectors);
+        let shown = if same_projectors && config.render == old.render {
             let before = editor.current();
             self.show(&scene).map(drop).inspect_err(|_| self.take_back(&mut editor, &scene, &before))
         } else {
             let (reply, answer) = sync_channel(1);
-            let setup = Box::new(setup::setup(&config, loaded.projectors, scene.clone()));
+            let setup = Box::new(setup::setup(&config, loaded.projectors.clone(), scene.clone()));
             self.ask(Request::Reconfigure { setup, reply }, &answer)
         };
         if let Err(error) = shown {
@@ -412,6 +417,7 @@ impl Engine for DaemonEngine {
         let bodies: Vec<_> = config.bodies.iter().map(|body| body.name.as_str()).collect();
         self.links.ledger.keep(&projectors, &bodies);
         *self.config() = config;
+        *lock(&self.projectors) = loaded.projectors;
 
         // What was kept belongs to the scene section that has gone.
         if !same_scene && let Err(error) = self.keep(&scene) {

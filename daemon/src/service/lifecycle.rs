@@ -159,7 +159,7 @@ fn serve(
 
     // The first picture stands before anybody is told that the daemon is there.
     let shows = format!("{} projectors; {} nodes at the start", loaded.projectors.len(), scene.nodes.len());
-    let setup = setup::setup(&loaded.config, loaded.projectors, scene);
+    let setup = setup::setup(&loaded.config, loaded.projectors.clone(), scene);
     let (thread, ready) = frames::start(device.clone(), setup, links.clone(), options.frames)?;
     ready
         .recv()
@@ -168,8 +168,8 @@ fn serve(
         .context("the first frame")?;
     let max_clients = loaded.config.limits.max_clients as usize;
     let background = Background::start().context("a thread to build structures on")?;
-    let path = options.config.clone();
-    let engine = DaemonEngine::new((instance, device), links, trackers, store, background, path, loaded.config);
+    let (path, configured) = (options.config.clone(), (loaded.config, loaded.projectors));
+    let engine = DaemonEngine::new((instance, device), links, trackers, store, background, path, configured);
     let engine = Arc::new(engine);
     let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
     tracing::info!(socket = %server.path().display(), "ready");

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use lantern_calibration::{Calibration, CalibrationError};
+use lantern_calibration::{Calibration, LoadError};
 use lantern_config::{Config, Output, Problem};
 use lantern_render::{ProjectorSpec, RasterOrder, Settings};
 use lantern_scene::{Editor, Scene, Structures};
@@ -69,13 +69,9 @@ fn problem(config: &Config, file: &str, at: &str, field: &str, message: &str) ->
     Problem { file: file.to_owned(), line, column, message: format!("{at}: {message}"), hint: hint.trim().to_owned() }
 }
 
-fn calibration_problem(config: &Config, file: &str, projector: &str, error: &CalibrationError) -> Problem {
-    let field = match error {
-        CalibrationError::NotFinite { matrix, .. } | CalibrationError::Singular { matrix, .. } => *matrix,
-        CalibrationError::NoPixels { .. } | CalibrationError::Lens(_) | CalibrationError::Maps(_) => "",
-    };
+fn calibration_problem(config: &Config, file: &str, projector: &str, error: &LoadError) -> Problem {
     let at = format!("projector {projector:?}");
-    problem(config, file, &at, &format!("calibration.{field}"), &error.to_string())
+    problem(config, file, &at, &format!("calibration.{}", error.key()), &error.to_string())
 }
 
 /// How the configuration wants frames rendered.
