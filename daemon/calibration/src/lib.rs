@@ -8,6 +8,7 @@
 mod brown_conrady;
 mod clip;
 pub mod describe;
+pub mod doctor;
 pub mod formats;
 mod frustum;
 mod lens;
