@@ -15,6 +15,9 @@ use crate::maps::{Maps, MapsError};
 /// thousand kilometres from the world's origin, is still at 1e-6.
 const SINGULAR_BELOW: f64 = 1e-13;
 
+/// Beside the largest w of the clip cube's corners, one below this is at infinity.
+const INFINITE_BELOW: f64 = 1e-12;
+
 /// Why a pair of matrices is no calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
@@ -161,11 +164,14 @@ impl Calibration {
 
         let (optics, maps) = (Optics::Pinhole, Arc::default());
         let calibration = Self { clip_from_world, world_from_clip, convention, resolution_px, optics, maps };
-        let sees_something = convention
+        // An infinite far plane comes out of the inversion as one of w = 1e-17 or so, of either sign: that sees nothing.
+        let corners = convention
             .depth_limits()
-            .iter()
-            .flat_map(|&z| [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(x, y)| DVec4::new(x, y, z, 1.0)))
-            .any(|corner| (world_from_clip * corner).w > 0.0);
+            .into_iter()
+            .flat_map(|z| [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(x, y)| DVec4::new(x, y, z, 1.0)));
+        let w: Vec<f64> = corners.map(|corner| (world_from_clip * corner).w).collect();
+        let largest_w = w.iter().fold(0.0, |largest: f64, w| largest.max(w.abs()));
+        let sees_something = w.iter().any(|w| *w > INFINITE_BELOW * largest_w);
         Ok(if sees_something {
             calibration
         } else {
@@ -341,5 +347,22 @@ mod tests {
         let negative = projection.map(|row| row.map(|entry: f64| -entry));
         let of = |rows| Calibration::from_matrices(rows, &IDENTITY, Convention::OpenGl, UVec2::new(64, 48)).unwrap();
         assert_eq!(of(&projection).clip_from_world(), of(&negative).clip_from_world());
+
+        // Also where the far plane is infinite, and its w is rounded to something above 0.
+        let infinite = [
+            [-4.3666446546321325, 0.0, 0.3175283489103837, 0.0],
+            [0.0, -8.280452085820933, 0.6449380902967681, 0.0],
+            [0.0, 0.0, 1.0, 0.4421945257086409],
+            [0.0, 0.0, 1.0, 0.0],
+        ];
+        let view = [
+            [0.5236986308922684, -0.153881979572274, -0.8378902555612412, -0.10846117263347799],
+            [0.018228489294553264, -0.9813012349237231, 0.19161317416924759, -0.11617257637191042],
+            [-0.8517085570660904, -0.11562103052686533, -0.511101077205188, -1.4915562699845026],
+            [0.0, 0.0, 0.0, 1.0],
+        ];
+        let of = |rows| Calibration::from_matrices(rows, &view, Convention::OpenGl, UVec2::new(64, 48)).unwrap();
+        let negative = infinite.map(|row| row.map(|entry: f64| -entry));
+        assert_eq!(of(&infinite).clip_from_world(), of(&negative).clip_from_world());
     }
 }

@@ -9,6 +9,7 @@ mod brown_conrady;
 mod clip;
 pub mod describe;
 pub mod doctor;
+pub mod export;
 pub mod formats;
 mod frustum;
 mod lens;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use lantern::program::args::{Arguments, Command};
-use lantern::program::{bench, check, demo, devices};
+use lantern::program::{bench, check, demo, devices, export};
 use lantern::service::lifecycle::{self, Options};
 use tracing_subscriber::EnvFilter;
 
@@ -18,6 +18,9 @@ fn main() -> ExitCode {
         Command::Run { config, socket, frames } => lifecycle::run(&Options { config, socket, frames }).map(|()| true),
         Command::Demo { out, frames } => demo::demo(&out, frames).map(|()| true),
         Command::Check { config, json } => check::check(&config, json),
+        Command::Export { config, projector, format, output } => {
+            export::export(&config, &projector, format, &output).map(|()| true)
+        }
         Command::Devices { json } => devices::devices(json).map(|()| true),
         Command::Bench { config, frames, cases, dump, json } => {
             bench::bench(&bench::Options { config, frames, cases, dump, json }).map(|()| true)

@@ -55,6 +55,22 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Write a projector's calibration for others: as matrices for a configuration, or as MPCDI
+    #[command(after_help = "Example:\n  lanternd export -c lab.toml -p left --format mpcdi -o left.mpcdi")]
+    Export {
+        /// The configuration (TOML)
+        #[arg(short, long, value_name = "FILE")]
+        config: PathBuf,
+        /// The projector's name
+        #[arg(short, long)]
+        projector: String,
+        /// What to write
+        #[arg(long, value_name = "FORMAT")]
+        format: super::export::Format,
+        /// The file to write
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+    },
     /// List Vulkan devices, their queues and displays, and what each can do
     Devices {
         /// For programs

@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::DVec2;
 use lantern_calibration::Frustum;
 use lantern_calibration::describe::Description;
+use lantern_calibration::doctor::{Ailment, Finding, nothing_in_view};
 use lantern_render::ProjectorSpec;
 use lantern_scene::Scene;
 use lantern_scene::pack::{ROLE_MASK, ROLE_PROP};
@@ -23,7 +24,7 @@ const GRID: u32 = 320;
 pub fn check(path: &Path, as_json: bool) -> anyhow::Result<bool> {
     match setup::load(path) {
         Ok(loaded) => {
-            let projectors: Vec<Seen> = loaded.projectors.iter().map(|p| see(p, &loaded.editor.current())).collect();
+            let projectors = see_all(&loaded);
             if as_json {
                 say!("{}", serde_json::to_string_pretty(&to_json(path, &loaded, &projectors))?);
             } else {
@@ -35,7 +36,10 @@ pub fn check(path: &Path, as_json: bool) -> anyhow::Result<bool> {
             if as_json {
                 let all: Vec<Value> = problems
                     .iter()
-                    .map(|p| json!({ "file": p.file, "line": p.line, "column": p.column, "message": p.message, "hint": p.hint }))
+                    .map(|p| {
+                        let (file, line, column) = (&p.file, p.line, p.column);
+                        json!({ "severity": "error", "file": file, "line": line, "column": column, "message": p.message, "hint": p.hint })
+                    })
                     .collect();
                 say!("{}", serde_json::to_string_pretty(&json!({ "ok": false, "problems": all }))?);
             } else {
@@ -56,6 +60,30 @@ struct Seen {
     on_props: f64,
     /// Of its pixels that hit a mask.
     on_masks: f64,
+    /// What is suspicious.
+    findings: Vec<Finding>,
+}
+
+/// What every projector sees, and what is suspicious about it. Rays tell better than boxes whether a prop is in view.
+fn see_all(loaded: &Loaded) -> Vec<Seen> {
+    let scene = loaded.editor.current();
+    let props = setup::props(&scene);
+    let of_all = loaded.config.projectors.iter().zip(&loaded.projectors);
+    of_all
+        .map(|(configured, spec)| {
+            let mut seen = see(spec, &scene);
+            let of_it = loaded.suspicions.iter().filter(|(name, _)| *name == spec.name);
+            seen.findings.extend(of_it.map(|(_, finding)| finding.clone()));
+            if seen.on_props == 0.0 && !seen.findings.iter().any(explains_darkness) {
+                seen.findings.push(nothing_in_view(&configured.calibration, &spec.calibration, props.as_ref()));
+            }
+            seen
+        })
+        .collect()
+}
+
+fn explains_darkness(finding: &Finding) -> bool {
+    matches!(finding.ailment, Ailment::NothingInView | Ailment::NearPlaneBehindProps | Ailment::WrongUnits)
 }
 
 fn see(projector: &ProjectorSpec, scene: &Scene) -> Seen {
@@ -82,6 +110,7 @@ fn see(projector: &ProjectorSpec, scene: &Scene) -> Seen {
         description: Description::of(&frustum),
         on_props: f64::from(props) / all,
         on_masks: f64::from(masks) / all,
+        findings: Vec::new(),
     }
 }
 
@@ -103,6 +132,7 @@ fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
             "far_m": middle.map(|m| m.far_m).filter(|m| m.is_finite()),
             "share_on_props": seen.on_props,
             "share_on_masks": seen.on_masks,
+            "findings": seen.findings.iter().map(finding).collect::<Vec<_>>(),
         })
     };
     json!({
@@ -114,6 +144,11 @@ fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
         "warnings": warnings(loaded, projectors),
         "projectors": projectors.iter().map(of_projector).collect::<Vec<_>>(),
     })
+}
+
+fn finding(finding: &Finding) -> Value {
+    let Finding { ailment, message, hint, .. } = finding;
+    json!({ "severity": "warning", "kind": ailment.as_str(), "message": message, "hint": hint })
 }
 
 fn print_text(path: &Path, loaded: &Loaded, projectors: &[Seen]) {
@@ -140,12 +175,11 @@ fn warnings(loaded: &Loaded, projectors: &[Seen]) -> Vec<String> {
     let no_folder = loaded.config.daemon.asset_roots.iter().filter(|root| !root.is_dir()).map(|root| {
         format!("daemon.asset_roots: {} is no folder, so no client can have a file from it\nhint: make it, or remove it there", root.display())
     });
-    let nothing_in_view = projectors.iter().filter(|s| s.on_props == 0.0).map(|s| {
-        format!(
-            "projector {:?} sees no prop and will stay black\nhint: compare its position and direction above with where the props stand",
-            s.name
-        )
-    });
+    let of_projector = |seen: &Seen| -> Vec<String> {
+        let words = |f: &Finding| format!("projector {:?}: {}\nhint: {}", seen.name, f.message, f.hint);
+        seen.findings.iter().map(words).collect()
+    };
+    let suspicious = projectors.iter().flat_map(of_projector);
     let of_files = scene.nodes.iter().flat_map(|n| n.warnings().iter().map(move |w| format!("node {:?}: {w}", n.name)));
-    nothing_in_view.chain(no_folder).chain(of_files).collect()
+    suspicious.chain(no_folder).chain(of_files).collect()
 }

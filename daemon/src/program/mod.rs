@@ -11,6 +11,7 @@ pub mod check;
 pub mod demo;
 pub mod devices;
 mod dump;
+pub mod export;
 mod progress;
 
 use std::fmt::Arguments;

@@ -349,6 +349,7 @@ impl Engine for DaemonEngine {
         let path = self.config_path.clone();
         let loaded = self.background.run(move || setup::load(&path)).map_err(|_| stopping())?;
         let loaded = loaded.map_err(|e| refused(e.to_string()))?;
+        loaded.warn();
         let old = self.config().clone();
         let config = loaded.config;
         if config.daemon.socket != old.daemon.socket

@@ -52,11 +52,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
         Signals::listen()?
     };
     let mut loaded = setup::load(&options.config)?;
-    for node in &loaded.editor.current().nodes {
-        for warning in node.warnings() {
-            tracing::warn!(node = node.name, "{warning}");
-        }
-    }
+    loaded.warn();
 
     // The socket first: a second daemon must be refused before it touches anything that the first one uses.
     let listener = match handed_over {

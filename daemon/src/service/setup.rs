@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use lantern_calibration::doctor::{self, Finding, Props};
 use lantern_calibration::{Calibration, LoadError};
 use lantern_config::{Config, Output, Problem};
 use lantern_render::{ProjectorSpec, RasterOrder, Settings};
-use lantern_scene::{Editor, Scene, Structures};
+use lantern_scene::{Editor, Role, Scene, Structures};
 
 use super::frames::Setup;
 
@@ -24,6 +25,22 @@ pub struct Loaded {
     pub projectors: Vec<ProjectorSpec>,
     /// The scene.
     pub editor: Editor,
+    /// What is suspicious about calibrations, by the projector's name.
+    pub suspicions: Vec<(String, Finding)>,
+}
+
+impl Loaded {
+    /// Logs what works and is still worth a look.
+    pub fn warn(&self) {
+        for node in &self.editor.current().nodes {
+            for warning in node.warnings() {
+                tracing::warn!(node = node.name, "{warning}");
+            }
+        }
+        for (projector, finding) in &self.suspicions {
+            tracing::warn!(projector, "{finding}");
+        }
+    }
 }
 
 /// Reads a configuration file and everything that it names.
@@ -51,14 +68,38 @@ pub fn from_config(config: Config, file: &str) -> Result<Loaded, Problems> {
     let limits = (&config.limits).into();
     let mut editor = Editor::new(limits, vec![]).with_structures(structures(&config));
     let shown = editor.reconfigure(&config.scene, &config.base_dir, limits, config.daemon.asset_roots.clone());
+    // What is certain is a problem like any other; a projector whose matrices are none has no more to say.
+    let props = shown.as_ref().ok().and_then(|scene| props(scene));
+    let mut suspicions = Vec::new();
+    for (projector, spec) in
+        config.projectors.iter().filter_map(|p| Some((p, projectors.iter().find(|s| s.name == p.name)?)))
+    {
+        for finding in doctor::examine(&projector.calibration, &spec.calibration, props.as_ref()) {
+            if finding.certain {
+                let at = format!("projector {:?}", projector.name);
+                let field = format!("calibration.{}", finding.key);
+                problems.push(problem(&config, file, &at, &field, &finding.to_string()));
+            } else {
+                suspicions.push((projector.name.clone(), finding));
+            }
+        }
+    }
     match shown.map(|_| editor) {
-        Ok(editor) if problems.is_empty() => Ok(Loaded { config, projectors, editor }),
+        Ok(editor) if problems.is_empty() => Ok(Loaded { config, projectors, editor, suspicions }),
         Ok(_) => Err(Problems(problems)),
         Err(of_scene) => {
             problems.extend(of_scene.into_iter().map(|p| problem(&config, file, &p.at, p.field, &p.message)));
             Err(Problems(problems))
         }
     }
+}
+
+/// The box around everything that a projector is to light.
+pub fn props(scene: &Scene) -> Option<Props> {
+    let is_prop = |node: &usize| scene.instances.iter().any(|i| i.node == *node && i.visible && i.role == Role::Prop);
+    let boxes = (0..scene.nodes.len()).filter(is_prop).filter_map(|node| scene.bounds_of(node));
+    let (low_m, high_m) = boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+    Some(Props { low_m, high_m })
 }
 
 /// A problem of an entry of the configuration; `hint:` in the message starts the remedy.

@@ -15,7 +15,7 @@ const UPSIDE_DOWN: f64 = 0.2;
 
 /// Where the sides of pixels are off a right angle by more, a homography or a shear is in the matrix, and neither aspect nor
 /// axis mean what they mean of a lens.
-const RIGHT_ANGLE_WITHIN: f64 = 1e-3;
+const RIGHT_ANGLE_WITHIN: f64 = 1e-5;
 
 /// Pixels are believed to be square to this: calibrations are off by 2 %.
 const SQUARE_WITHIN: f64 = 0.04;

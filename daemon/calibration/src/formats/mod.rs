@@ -15,7 +15,7 @@ pub mod limits;
 mod mpcdi;
 mod mpcdi_maps;
 mod opencv;
-mod pfm;
+pub(crate) mod pfm;
 mod posed;
 mod roomalive;
 mod splash;

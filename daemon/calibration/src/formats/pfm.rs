@@ -8,10 +8,10 @@ use super::{FileError, limits};
 const FORMAT: &str = "a PFM map";
 
 /// A map of vectors; NaN is unknown.
-pub(super) struct Pfm {
-    pub(super) size: UVec2,
+pub(crate) struct Pfm {
+    pub(crate) size: UVec2,
     /// Row 0 on top.
-    pub(super) pixels: Vec<Vec3>,
+    pub(crate) pixels: Vec<Vec3>,
 }
 
 /// Longest file of a map that is taken in.
@@ -48,8 +48,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Pfm, FileError> {
 }
 
 /// Writes one.
-#[cfg(test)]
-pub(super) fn write(pfm: &Pfm) -> Vec<u8> {
+pub(crate) fn write(pfm: &Pfm) -> Vec<u8> {
     let mut bytes = format!("PF\n{} {}\n-1.0\n", pfm.size.x, pfm.size.y).into_bytes();
     bytes.extend(pfm.pixels.iter().flat_map(|pixel| pixel.to_array()).flat_map(f32::to_le_bytes));
     bytes
