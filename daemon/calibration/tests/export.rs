@@ -93,7 +93,7 @@ fn what_mpcdi_has_no_frustum_for_is_refused() {
     };
     let depth = [0.0, 0.0, -1.0, -0.2];
     assert_eq!(
-        of([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], depth, [0.1, 0.0, -1.0, 0.0]]),
+        of([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], depth, [0.1, 0.2, -1.0, 0.0]]),
         "its image is sheared or keystoned"
     );
     assert_eq!(
