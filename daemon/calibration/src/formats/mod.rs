@@ -1,7 +1,7 @@
 //! Calibration files of other programs: one file a format, behind one interface.
 //!
-//! Each format is read into a [`posed::Posed`]: a camera as OpenCV has it, in the file's own world and unit. From there on
-//! they are alike: [`posed::Posed::calibration`] applies what the configuration says of units, frames and depth. What a
+//! Each format is read into a `posed::Posed`: a camera as OpenCV has it, in the file's own world and unit. From there on
+//! they are alike: `Posed::calibration` applies what the configuration says of units, frames and depth. What a
 //! file does not say, and the configuration neither, is an error that names the key; nothing is guessed.
 //!
 //! Files are strangers. Each is read up to a bound, and what is asked for while it is parsed is bounded by its length,
