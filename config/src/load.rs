@@ -71,7 +71,8 @@ fn read_root(root: Table<'_>, base_dir: &Path) -> Option<Config> {
 
     // Names are looked up in what the file has, good or not, so that one bad node does not make its body wrong as well.
     let nodes = root.names_at(&["scene", "node"]).into_iter().collect();
-    let bodies = read::tracking::bodies(root.tables("body"), &nodes);
+    let projector_names = root.names_at(&["projector"]).into_iter().collect();
+    let bodies = read::tracking::bodies(root.tables("body"), &nodes, &projector_names);
     let body_names = root.names_at(&["body"]).into_iter().collect();
     let trackers = read::tracking::trackers(root.tables("tracker"), &body_names);
 

@@ -125,6 +125,9 @@ pub enum Drives {
     Viewer,
     /// The node of this name, which the scene has.
     Node(String),
+    /// The projector of this name, which the configuration has. Its calibration holds where the body stands at its
+    /// `position_m`, unturned.
+    Projector(String),
 }
 
 /// A source of poses.

@@ -355,8 +355,15 @@ fn predictions_have_a_bound() {
 }
 
 #[test]
+fn a_body_carries_a_projector_that_there_is_and_no_other_body_does() {
+    one("\"viewer\"", "\"projector:lefd\"", "there are `left`");
+    one("\"viewer\"", "\"projector:left\"\noffset_m = [0, 0, 1]", "has no offset");
+    let second = "[[body]]\nname = \"b\"\ndrives = \"projector:left\"\n[[body]]\nname = \"c\"\ndrives = \"projector:left\"\n[[tracker]]";
+    one("[[tracker]]", second, "another body drives `projector:left` already");
+}
+
+#[test]
 fn what_is_not_built_is_refused_in_words() {
-    one("\"viewer\"", "\"projector:left\"", "not built yet");
     one("resolution_px", "output = { kind = \"window\" }\nresolution_px", "not built yet");
     one("resolution_px", "output = { kind = \"display\", connector = \"DP-1\" }\nresolution_px", "not built yet");
 }

@@ -14,22 +14,41 @@ const MAX_DISTANCE_M: f64 = 1e8;
 /// The farthest that anything is predicted, ms; `tracking` holds predictions to the same.
 const MAX_PREDICT_MS: f64 = 150.0;
 
-pub(crate) fn bodies(tables: Vec<Table<'_>>, nodes: &HashSet<String>) -> Option<Vec<Body>> {
+pub(crate) fn bodies(
+    tables: Vec<Table<'_>>,
+    nodes: &HashSet<String>,
+    projectors: &HashSet<String>,
+) -> Option<Vec<Body>> {
     let (mut taken, mut driven) = (HashSet::new(), HashSet::new());
-    let bodies: Vec<_> = tables.into_iter().map(|table| body(table, &mut taken, &mut driven, nodes)).collect();
+    let known = Known { nodes, projectors };
+    let bodies: Vec<_> = tables.into_iter().map(|table| body(table, &mut taken, &mut driven, &known)).collect();
     bodies.into_iter().collect()
+}
+
+/// What there is to be driven.
+struct Known<'a> {
+    nodes: &'a HashSet<String>,
+    projectors: &'a HashSet<String>,
 }
 
 fn body(
     table: Table<'_>,
     taken: &mut HashSet<String>,
     driven: &mut HashSet<String>,
-    nodes: &HashSet<String>,
+    known: &Known<'_>,
 ) -> Option<Body> {
     let name = unique_name(&table, "body", taken, "\"head\"");
-    let drives = table.get("drives").and_then(|value| drives(&value, driven, nodes));
+    let drives = table.get("drives").and_then(|value| drives(&value, driven, known));
     let place = |key| table.get(key)?.numbers_where("from -1e8 to 1e8", |x| x.abs() <= MAX_DISTANCE_M);
     let (position_m, offset_m) = (place("position_m"), place("offset_m"));
+    if let (Some(Drives::Projector(_)), Some(value)) = (&drives, table.get("offset_m")) {
+        // Its calibration says already how the projector stands to the tracked point.
+        value.problem(
+            "a body that carries a projector has no offset",
+            "remove `offset_m`; `position_m` says where the \
+            body stood when the projector was calibrated",
+        );
+    }
     table.finish();
     Some(Body {
         name: name?,
@@ -39,19 +58,19 @@ fn body(
     })
 }
 
-fn drives(value: &Value<'_>, driven: &mut HashSet<String>, nodes: &HashSet<String>) -> Option<Drives> {
+fn drives(value: &Value<'_>, driven: &mut HashSet<String>, known: &Known<'_>) -> Option<Drives> {
     let text = value.string()?;
     let drives = match text.split_once(':') {
         None if text == "viewer" => Drives::Viewer,
-        Some(("node", node)) => known_name(value, node, nodes, "node", "add it as a [[scene.node]]")
+        Some(("node", node)) => known_name(value, node, known.nodes, "node", "add it as a [[scene.node]]")
             .then(|| Drives::Node(node.to_owned()))?,
-        Some(("projector", _)) => {
-            let hint = "let the body drive \"viewer\" or \"node:NAME\"";
-            value.problem("a body that drives a projector is not built yet", hint);
-            return None;
+        Some(("projector", projector)) => {
+            known_name(value, projector, known.projectors, "projector", "add it as a [[projector]]")
+                .then(|| Drives::Projector(projector.to_owned()))?
         }
         _ => {
-            value.problem(format!("`{text}` is nothing that a body can drive"), "write \"viewer\" or \"node:NAME\"");
+            let hint = "write \"viewer\", \"node:NAME\" or \"projector:NAME\"";
+            value.problem(format!("`{text}` is nothing that a body can drive"), hint);
             return None;
         }
     };
@@ -59,7 +78,7 @@ fn drives(value: &Value<'_>, driven: &mut HashSet<String>, nodes: &HashSet<Strin
     if !driven.insert(text.clone()) {
         let message = match drives {
             Drives::Viewer => "another body drives the viewer, and several viewers are not built yet".to_owned(),
-            Drives::Node(_) => format!("another body drives `{text}` already"),
+            Drives::Node(_) | Drives::Projector(_) => format!("another body drives `{text}` already"),
         };
         value.problem(message, "let one body drive it");
         return None;

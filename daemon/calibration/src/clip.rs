@@ -197,6 +197,16 @@ impl Calibration {
         Ok(Self { maps: Arc::new(maps), ..self })
     }
 
+    /// The same projector, carried: `home_from_world` takes the world to where everything stood about it when it was calibrated.
+    /// It must be rigid.
+    pub fn carried(&self, home_from_world: DMat4) -> Self {
+        Self {
+            clip_from_world: self.clip_from_world * home_from_world,
+            world_from_clip: home_from_world.inverse() * self.world_from_clip,
+            ..self.clone()
+        }
+    }
+
     /// What stands between the matrix's ideal image and the real one.
     pub fn optics(&self) -> &Optics {
         &self.optics
@@ -339,6 +349,21 @@ mod tests {
         assert!(refused(&IDENTITY, &holed).starts_with("the view matrix has NaN at row 1, column 3"));
         let none = Calibration::from_matrices(&IDENTITY, &IDENTITY, Convention::Vulkan, UVec2::new(0, 5));
         assert_eq!(none, Err(CalibrationError::NoPixels { width: 0, height: 5 }));
+    }
+
+    #[test]
+    fn what_is_carried_sees_from_there_what_it_saw_from_home() {
+        let projection = [[1.2, 0.0, 0.1, 0.0], [0.0, 1.9, -0.2, 0.0], [0.0, 0.0, -1.02, -0.2], [0.0, 0.0, -1.0, 0.0]];
+        let home = Calibration::from_matrices(&projection, &IDENTITY, Convention::OpenGl, UVec2::new(64, 48)).unwrap();
+        let world_from_home = DMat4::from_rotation_translation(
+            glam::DQuat::from_rotation_y(0.7) * glam::DQuat::from_rotation_x(-0.2),
+            glam::DVec3::new(3.0, -1.0, 2.0),
+        );
+        let away = home.carried(world_from_home.inverse());
+        let at = DVec4::new(0.3, -0.4, -2.5, 1.0);
+        assert!((away.clip_from_world() * (world_from_home * at) - home.clip_from_world() * at).length() < 1e-12);
+        let back = away.clip_from_world() * away.world_from_clip();
+        assert!((back - DMat4::IDENTITY).to_cols_array().iter().all(|x| x.abs() < 1e-12), "{back}");
     }
 
     #[test]

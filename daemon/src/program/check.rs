@@ -6,6 +6,7 @@ use glam::DVec2;
 use lantern_calibration::Frustum;
 use lantern_calibration::describe::Description;
 use lantern_calibration::doctor::{Ailment, Finding, nothing_in_view};
+use lantern_config::Drives;
 use lantern_render::ProjectorSpec;
 use lantern_scene::Scene;
 use lantern_scene::pack::{ROLE_MASK, ROLE_PROP};
@@ -122,6 +123,7 @@ fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
         let middle = d.middle.as_ref();
         json!({
             "name": seen.name,
+            "carried_by": carrier(loaded, &seen.name),
             "resolution_px": d.resolution_px.to_array(),
             "position_m": d.position_m.map(|p| p.to_array()),
             "direction": middle.map(|m| m.direction.to_array()),
@@ -162,11 +164,20 @@ fn print_text(path: &Path, loaded: &Loaded, projectors: &[Seen]) {
     );
     for seen in projectors {
         say!("\nprojector {:?}\n{}", seen.name, seen.description);
+        if let Some(body) = carrier(loaded, &seen.name) {
+            say!("carried by the body {body:?}: this is where it stands until that body moves");
+        }
         say!("{:.1} % of its pixels hit a prop, {:.1} % a mask.", seen.on_props * 100.0, seen.on_masks * 100.0);
     }
     for warning in warnings(loaded, projectors) {
         say!("\nwarning: {warning}");
     }
+}
+
+/// The body that carries a projector.
+fn carrier<'a>(loaded: &'a Loaded, projector: &str) -> Option<&'a str> {
+    let carries = |drives: &Drives| matches!(drives, Drives::Projector(name) if name == projector);
+    loaded.config.bodies.iter().find(|body| body.drives.as_ref().is_some_and(carries)).map(|body| body.name.as_str())
 }
 
 /// What works and is still worth a look.

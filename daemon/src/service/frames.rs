@@ -1,10 +1,12 @@
 //! The frame thread: it alone talks to the device, sleeps while nothing changes, and shows one snapshot on all projectors.
 
+use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use lantern_gpu::Device;
 use lantern_proto::EventKind;
 use lantern_proto::event::{Event, FrameEvent, SceneEvent};
@@ -12,6 +14,7 @@ use lantern_render::{Pattern, ProjectorSpec, RenderError, Renderer, Settings};
 use lantern_scene::{Editor, Scene};
 use lantern_tracking::Bodies;
 
+use super::carried::Carried;
 use super::ledger::{Ledger, shown_poses};
 use super::monotonic;
 use super::shared::{Lease, Request, Shared, Turn};
@@ -25,6 +28,8 @@ use crate::output::Headless;
 pub struct Setup {
     /// The projectors, in order.
     pub projectors: Vec<ProjectorSpec>,
+    /// Where the bodies stood that carry projectors, by projector, m.
+    pub homes_m: BTreeMap<String, DVec3>,
     /// Refreshes a second of each.
     pub refresh_hz: Vec<f64>,
     /// From the completion of a frame to its light, where that takes longest.
@@ -90,6 +95,7 @@ struct FrameThread {
     clock: Headless,
     /// How frames see the bodies.
     sight: Sight,
+    carried: Carried,
     /// Stop when every projector has shown so many.
     frames: Option<u64>,
     /// Frames of the whole set so far.
@@ -118,6 +124,7 @@ fn clock_of(refresh_hz: &[f64]) -> Headless {
 impl FrameThread {
     fn new(device: Arc<Device>, setup: Setup, links: Links, frames: Option<u64>) -> Result<Self, RenderError> {
         let (clock, sight) = (clock_of(&setup.refresh_hz), Sight::new(links.bodies.clone(), setup.output_latency));
+        let carried = Carried::new(setup.projectors.clone(), setup.homes_m);
         let renderer = Renderer::new(&device, setup.projectors, setup.settings, setup.scene)?;
         links.stats.set_projectors(&renderer);
         Ok(Self {
@@ -126,6 +133,7 @@ impl FrameThread {
             links,
             clock,
             sight,
+            carried,
             frames,
             frame: 0,
             counted_refresh: 0,
@@ -162,6 +170,9 @@ impl FrameThread {
         let moved = self.sight.place_nodes(&self.links.editor, began);
         if let Some(scene) = &moved {
             self.links.shared.publish_shown(scene);
+        }
+        if self.carried.any() {
+            self.renderer.set_projectors(self.carried.at(self.sight.carrying(began)))?;
         }
         let scene = moved.unwrap_or(turn.scene);
         let revision = scene.revision;
@@ -327,21 +338,24 @@ impl FrameThread {
     fn reconfigure(&mut self, setup: Setup) -> Ended {
         let began = Instant::now();
         self.sight.set_output_latency(setup.output_latency);
+        let carried = Carried::new(setup.projectors, setup.homes_m);
+        let projectors = carried.at(self.sight.carrying(began));
         let frame = if setup.settings == *self.renderer.settings() {
             let before = (self.renderer.projectors().cloned().collect(), self.renderer.scene().clone());
-            let taken = self.take(setup.projectors, setup.scene, began);
+            let taken = self.take(projectors, setup.scene, began);
             if taken.as_ref().is_err_and(|error| !is_fatal(error)) {
                 self.take(before.0, before.1, began)?;
             }
             taken?
         } else {
-            let mut renderer = Renderer::new(&self.device, setup.projectors, setup.settings, setup.scene)?;
+            let mut renderer = Renderer::new(&self.device, projectors, setup.settings, setup.scene)?;
             let frame = self.sight.render(&mut renderer, began)?;
             self.renderer = renderer;
             // What was brought to the device for others has gone with the old one.
             self.renderer.prepare(self.prepared.iter().map(|prepared| prepared.scene.clone()).collect())?;
             frame
         };
+        self.carried = carried;
         self.links.shared.publish_shown(self.renderer.scene());
         self.links.stats.set_projectors(&self.renderer);
         self.clock = clock_of(&setup.refresh_hz);

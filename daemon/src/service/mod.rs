@@ -18,6 +18,7 @@
 //! - [`vulkan`]: the instance and the device.
 
 pub mod background;
+pub mod carried;
 pub mod engine;
 pub mod frames;
 pub mod hearsay;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use lantern_calibration::doctor::{self, Finding, Props};
 use lantern_calibration::{Calibration, LoadError};
-use lantern_config::{Config, Output, Problem};
+use lantern_config::{Body, Config, Drives, Output, Problem};
 use lantern_render::{ProjectorSpec, RasterOrder, Settings};
 use lantern_scene::{Editor, Role, Scene, Structures};
 
@@ -139,7 +139,12 @@ pub fn setup(config: &Config, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>)
         })
         .unzip();
     let output_latency = Duration::from_secs_f64(latency_ms.into_iter().fold(0.0, f64::max) / 1e3);
-    Setup { projectors, refresh_hz, output_latency, settings: settings(config), scene }
+    let home = |body: &Body| match &body.drives {
+        Some(Drives::Projector(projector)) => Some((projector.clone(), body.position_m.into())),
+        _ => None,
+    };
+    let homes_m = config.bodies.iter().filter_map(home).collect();
+    Setup { projectors, homes_m, refresh_hz, output_latency, settings: settings(config), scene }
 }
 
 /// Structures that were built before: beside the pipelines, or with the state of a service that has no such place.

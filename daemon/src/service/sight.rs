@@ -18,7 +18,8 @@ pub struct Frame {
     pub report: FrameReport,
     /// When its light was expected to leave.
     pub light: Instant,
-    /// The bodies that it shows: eyes as they were read for it, and those whose nodes stand in its revision.
+    /// The bodies that it shows: eyes as they were read for it, those whose nodes stand in its revision, and those that carry
+    /// projectors.
     pub placed: Vec<Placed>,
 }
 
@@ -41,13 +42,23 @@ pub struct Sight {
     newest_nodes: (u64, Vec<Placed>),
     /// Those of the revision that is shown.
     shown_nodes: Vec<Placed>,
+    /// The bodies that carry projectors, as these were last held.
+    carrying: Vec<Placed>,
 }
 
 impl Sight {
     /// `output_latency` is what the slowest output takes from a frame's completion to its light.
     pub fn new(bodies: Arc<Bodies>, output_latency: Duration) -> Self {
         let lead = Lead::new(output_latency);
-        Self { bodies, lead, behind: false, moving: false, newest_nodes: Default::default(), shown_nodes: Vec::new() }
+        Self {
+            bodies,
+            lead,
+            behind: false,
+            moving: false,
+            newest_nodes: Default::default(),
+            shown_nodes: Vec::new(),
+            carrying: Vec::new(),
+        }
     }
 
     /// Another time for the slowest output.
@@ -86,6 +97,14 @@ impl Sight {
         Some(scene)
     }
 
+    /// The bodies that carry projectors, as they will be when the light of a frame that begins now leaves: as nodes are placed.
+    pub fn carrying(&mut self, began: Instant) -> &[Placed] {
+        let mut placed = self.bodies.placed(self.lead.light_of_frame(began), began);
+        placed.retain(|placed| matches!(placed.drives, Drives::Projector(_)));
+        self.carrying = placed;
+        &self.carrying
+    }
+
     /// Renders what is stale, for the eyes as they will be when its light leaves.
     ///
     /// # Errors
@@ -108,7 +127,7 @@ impl Sight {
             self.shown_nodes.clone_from(&self.newest_nodes.1);
         }
         placed.retain(|placed| placed.drives == Drives::Viewer);
-        placed.extend(self.shown_nodes.iter().cloned());
+        placed.extend(self.shown_nodes.iter().chain(&self.carrying).cloned());
         if let Some(completed) = report.projectors.iter().map(|p| p.completed).max() {
             self.lead.completed(began, report.read, completed);
         }
@@ -134,7 +153,7 @@ fn place(placed: &Placed) -> Option<Place<'_>> {
         Drives::Node(node) => {
             Some(Place { node, translation_m: placed.pose.driven_m(), rotation: placed.pose.orientation })
         }
-        Drives::Viewer => None,
+        Drives::Viewer | Drives::Projector(_) => None,
     }
 }
 
