@@ -1,5 +1,4 @@
 //! A projector that a body carries shows what a projector shows that was calibrated there.
-#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use glam::{DQuat, DVec3, UVec2};
 use lantern_tests::{harness::Daemon, stage::Stand};

@@ -1,3 +1,4 @@
 //! What the fuzzers share.
 
+pub mod calibration;
 pub mod tracker;

@@ -1,0 +1,6 @@
+//! OpenCV's FileStorage.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    lantern_fuzz::calibration::read("opencv", "unit = \"mm\"", data);
+});

@@ -1,0 +1,6 @@
+//! RoomAlive's ensembles.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    lantern_fuzz::calibration::read("roomalive", "", data);
+});
