@@ -244,7 +244,7 @@ fn bad_configurations_change_nothing_when_reloaded() {
         ),
         (good.replace("kind = \"headless\"", "kind = \"window\""), vec!["not built yet"]),
         (good.replace("[96, 64]", "[16384, 16384]"), vec!["left"]),
-        (good.replace("\"lantern\"", "\"psn\""), vec!["not built yet"]),
+        (good.replace("\"lantern\"", "\"vrpn\""), vec!["vrpn", "\"psn\"", "hint:"]),
     ] {
         assert_ne!(config, good);
         fs::write(&file, &config).unwrap();
