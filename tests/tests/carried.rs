@@ -59,3 +59,21 @@ fn a_carried_projector_goes_with_its_body() {
     assert!(seen[0] == seen[3], "back home, to the bit");
     assert_eq!(daemon.ills(), Vec::<String>::new());
 }
+
+#[test]
+fn a_reload_may_hand_a_projector_to_a_body() {
+    let home = Stand::new(DVec3::new(0.2, 1.7, 2.6), DVec3::new(0.0, 0.2, 0.0), SIZE_PX);
+    let daemon = Daemon::start(&config(&home, false)).unwrap();
+    let mut client = daemon.client().unwrap();
+    let before = client.layer("left", "distance").unwrap().values;
+    let moved = json!({"body": "rig", "position_m": (HOME_M + DVec3::X * 0.3).to_array()});
+    client.ask_ok("pose", moved.clone()).unwrap();
+    assert!(client.layer("left", "distance").unwrap().values == before, "nothing carries it yet");
+
+    std::fs::write(daemon.folder().path().join("lantern.toml"), config(&home, true)).unwrap();
+    client.ask_ok("config.reload", json!({})).unwrap();
+    client.ask_ok("pose", moved).unwrap();
+    assert!(client.layer("left", "distance").unwrap().values != before, "the body carries it now");
+    client.ask_ok("pose", json!({"body": "rig", "position_m": HOME_M.to_array()})).unwrap();
+    assert!(client.layer("left", "distance").unwrap().values == before, "back home, to the bit");
+}

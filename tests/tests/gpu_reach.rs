@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use glam::{DVec3, UVec2};
+use glam::{DVec2, DVec3, UVec2};
 use lantern_calibration::Frustum;
 use lantern_gpu::{Binding, BindingKind, Bindings, Buffer, BufferKind, ComputePipeline, Recorder, Resource};
 use lantern_render::ideal_tiles::IdealTiles;
@@ -150,10 +150,14 @@ fn no_tile_is_missed() {
         let reach = DVec3::splat(3.0);
         let stand = Stand::new(random.point(-reach, reach), random.point(-reach, reach) / 2.0, size_px);
         let calibration = stand.calibration();
+        // Dark on any side.
+        let side = random.below(4);
+        let far = size_px.as_dvec2() - 20.0;
+        let dark = move |at: DVec2| [at.x < 20.0, at.y < 20.0, at.x > far.x, at.y > far.y][side];
         let calibration = match random.below(12) {
             0 => calibration.with_lens(lenses::barrel(size_px)).unwrap(),
             1 => calibration.with_lens(lenses::pincushion(size_px)).unwrap(),
-            2 => calibration.with_lens(lenses::warp(size_px, UVec2::new(17, 11), |at| at.x < 20.0)).unwrap(),
+            2 => calibration.with_lens(lenses::warp(size_px, UVec2::new(17, 11), dark)).unwrap(),
             _ => calibration,
         };
         let (ideal, frustum) = (IdealTiles::of(&calibration), Frustum::new(calibration));

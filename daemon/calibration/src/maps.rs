@@ -20,6 +20,9 @@ pub struct Maps {
     pub beta: Option<Map>,
 }
 
+/// Those that a calibration takes hold no NaN, so that each is the same as itself: where one is shared, nothing is compared.
+impl Eq for Maps {}
+
 /// Why a pair of maps cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MapsError {

@@ -233,10 +233,16 @@ impl Grid {
         let last = self.warp.size.as_ivec2() - 2;
         let rows = stops(low.y, high.y);
         let places = stops(low.x, high.x).into_iter().flat_map(|x| rows.iter().map(move |&y| DVec2::new(x, y)));
-        let shown = places.filter_map(|at| {
-            let first = at.floor().as_ivec2().clamp(IVec2::ZERO, last);
-            self.cell(first).map(|cell| cell.at(at - first.as_dvec2()))
+        // A stop on a node belongs to the cells on both sides of it, of which one may be dark.
+        let shown = places.flat_map(|at| {
+            let (after, before) = (at.floor().as_ivec2(), at.ceil().as_ivec2() - 1);
+            let cells = [after, before, IVec2::new(after.x, before.y), IVec2::new(before.x, after.y)];
+            cells.map(|first| {
+                let first = first.clamp(IVec2::ZERO, last);
+                self.cell(first).map(|cell| cell.at(at - first.as_dvec2()))
+            })
         });
+        let shown = shown.flatten();
         let none = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         let (low, high) = shown.fold(none, |(low, high), at| (low.min(at), high.max(at)));
         (low.x <= high.x).then_some((low, high))

@@ -110,6 +110,13 @@ fn what_is_deep_or_long_is_refused() {
             survives(&file, format!("<opencv_storage>{}", open.repeat(200_000)).as_bytes());
             survives(&file, format!("%YAML:1.0\n---\n{}", open.repeat(200_000)).as_bytes());
         }
+        // Well-formed, and deeper than any stack.
+        for (open, close) in [("<a>", "</a>"), ("<a b=\"/>\">", "</a>"), ("<a><!--</-->", "</a>"), ("<_>", "</_>")] {
+            let deep = format!("{}{}", open.repeat(100_000), close.repeat(100_000));
+            survives(&file, deep.as_bytes());
+            survives(&file, format!("<opencv_storage>{deep}</opencv_storage>").as_bytes());
+        }
+        survives(&file, "<a".repeat(4 << 20).as_bytes());
         // A few lines that would be gigabytes.
         let laughs: String =
             (0..9).map(|i| format!("<!ENTITY e{} \"{}\">", i + 1, format!("&e{i};").repeat(10))).collect();

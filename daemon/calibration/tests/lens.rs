@@ -232,6 +232,29 @@ fn pixels_without_light_have_no_ray_and_are_met_by_no_point() {
     assert_eq!(calibration.clone(), calibration, "holes are equal to themselves");
 }
 
+/// Whatever is dark beside it: a box around a rectangle has every place in it that is lit.
+#[test]
+fn a_box_around_a_rectangle_has_all_that_it_shows() {
+    let (size_px, nodes) = (UVec2::new(160, 100), UVec2::new(17, 11));
+    let darks: [fn(DVec2) -> bool; 5] =
+        [|at| at.x < 30.0, |at| at.y < 30.0, |at| at.x > 110.0, |at| at.y > 60.0, |at| at.x + at.y > 150.0];
+    for dark in darks {
+        let warp = warp(nodes, size_px, |at| (!dark(at)).then(|| waves(at)));
+        let calibration = with_warp(size_px, warp).unwrap();
+        let optics = calibration.optics();
+        for (low, high) in [((0, 0), (160, 100)), ((96, 48), (128, 72)), ((8, 8), (40, 40)), ((113, 61), (120, 66))] {
+            let [low_px, high_px] = [low, high].map(|(x, y)| DVec2::new(f64::from(x), f64::from(y)));
+            let bounds = optics.ideal_bounds(low_px, high_px);
+            for i in 0..=100u32 {
+                let share = DVec2::new(f64::from(i % 10) / 9.0, f64::from(i / 10) / 10.0).min(DVec2::ONE);
+                let Some(at) = optics.ideal_px(low_px + share * (high_px - low_px)) else { continue };
+                let (low, high) = bounds.unwrap();
+                assert!(at.cmpge(low - 1e-6).all() && at.cmple(high + 1e-6).all(), "{at} is not in {low} to {high}");
+            }
+        }
+    }
+}
+
 #[test]
 fn warps_that_are_none_are_refused_in_words() {
     let size_px = UVec2::new(64, 40);

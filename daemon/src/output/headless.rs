@@ -24,11 +24,6 @@ impl Headless {
     pub fn next_refresh(&self, now: Instant) -> Instant {
         self.start + self.period.mul_f64((self.refreshes(now) + 1) as f64)
     }
-
-    /// How long one picture stands.
-    pub fn period(&self) -> Duration {
-        self.period
-    }
 }
 
 #[cfg(test)]

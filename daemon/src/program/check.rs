@@ -8,8 +8,8 @@ use lantern_calibration::describe::Description;
 use lantern_calibration::doctor::{Ailment, Finding, nothing_in_view};
 use lantern_config::Drives;
 use lantern_render::ProjectorSpec;
-use lantern_scene::Scene;
 use lantern_scene::pack::{ROLE_MASK, ROLE_PROP};
+use lantern_scene::{Role, Scene};
 use serde_json::{Value, json};
 
 use crate::service::setup::{self, Loaded, Problems};
@@ -69,13 +69,17 @@ struct Seen {
 fn see_all(loaded: &Loaded) -> Vec<Seen> {
     let scene = loaded.editor.current();
     let props = setup::props(&scene);
+    // What is rasterised is drawn whether or not a ray meets anything.
+    let shows_raster = scene.instances.iter().any(|i| i.visible && i.role == Role::Raster);
     let of_all = loaded.config.projectors.iter().zip(&loaded.projectors);
     of_all
         .map(|(configured, spec)| {
             let mut seen = see(spec, &scene);
             let of_it = loaded.suspicions.iter().filter(|(name, _)| *name == spec.name);
             seen.findings.extend(of_it.map(|(_, finding)| finding.clone()));
-            if seen.on_props == 0.0 && !seen.findings.iter().any(explains_darkness) {
+            // Rays know better than the corners of the props' box, which a lens may bend into the image.
+            seen.findings.retain(|finding| seen.on_props == 0.0 || finding.ailment != Ailment::NothingInView);
+            if seen.on_props == 0.0 && !shows_raster && !seen.findings.iter().any(explains_darkness) {
                 seen.findings.push(nothing_in_view(&configured.calibration, &spec.calibration, props.as_ref()));
             }
             seen

@@ -396,7 +396,9 @@ impl Engine for DaemonEngine {
 
         // Projectors that stay as they are keep their pictures. One that a file describes may change while the configuration
         // does not.
-        let same_projectors = config.projectors == old.projectors && loaded.projectors == *lock(&self.projectors);
+        let same_projectors = config.projectors == old.projectors
+            && loaded.projectors == *lock(&self.projectors)
+            && setup::homes_m(&config.bodies) == setup::homes_m(&old.bodies);
         let shown = if same_projectors && config.render == old.render {
             let before = editor.current();
             self.show(&scene).map(drop).inspect_err(|_| self.take_back(&mut editor, &scene, &before))

@@ -173,6 +173,8 @@ impl FrameThread {
         }
         if self.carried.any() {
             self.renderer.set_projectors(self.carried.at(self.sight.carrying(began)))?;
+        } else {
+            self.sight.carry_nothing();
         }
         let scene = moved.unwrap_or(turn.scene);
         let revision = scene.revision;
@@ -203,6 +205,8 @@ impl FrameThread {
         self.attend_to_prepared()?;
         for request in turn.requests {
             self.serve(request);
+            // Each may take seconds, and all of them longer than the watchdog waits.
+            self.watchdog.feed(Instant::now());
         }
 
         // No picture stands for less than a refresh.
@@ -337,7 +341,6 @@ impl FrameThread {
     /// Takes another setup and shows it, or keeps the old one where the new one cannot be made or shown.
     fn reconfigure(&mut self, setup: Setup) -> Ended {
         let began = Instant::now();
-        self.sight.set_output_latency(setup.output_latency);
         let carried = Carried::new(setup.projectors, setup.homes_m);
         let projectors = carried.at(self.sight.carrying(began));
         let frame = if setup.settings == *self.renderer.settings() {
@@ -356,6 +359,7 @@ impl FrameThread {
             frame
         };
         self.carried = carried;
+        self.sight.set_output_latency(setup.output_latency);
         self.links.shared.publish_shown(self.renderer.scene());
         self.links.stats.set_projectors(&self.renderer);
         self.clock = clock_of(&setup.refresh_hz);
@@ -378,6 +382,7 @@ impl FrameThread {
         self.renderer.set_scene(scene);
         let mut frame = self.sight.render(&mut self.renderer, began)?;
         while self.renderer.is_pending() {
+            self.watchdog.feed(Instant::now());
             frame = self.sight.render(&mut self.renderer, began)?.or(frame);
         }
         Ok(frame)

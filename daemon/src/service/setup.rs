@@ -1,9 +1,11 @@
 //! From the configuration to the parts.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use glam::DVec3;
 use lantern_calibration::doctor::{self, Finding, Props};
 use lantern_calibration::{Calibration, LoadError};
 use lantern_config::{Body, Config, Drives, Output, Problem};
@@ -131,6 +133,15 @@ pub fn settings(config: &Config) -> Settings {
     }
 }
 
+/// By projector that is carried: where its body stood when it was calibrated, m.
+pub fn homes_m(bodies: &[Body]) -> BTreeMap<String, DVec3> {
+    let home = |body: &Body| match &body.drives {
+        Some(Drives::Projector(projector)) => Some((projector.clone(), body.position_m.into())),
+        _ => None,
+    };
+    bodies.iter().filter_map(home).collect()
+}
+
 /// What the frame thread is to do.
 pub fn setup(config: &Config, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>) -> Setup {
     let (refresh_hz, latency_ms): (Vec<_>, Vec<_>) = (config.projectors.iter())
@@ -139,12 +150,14 @@ pub fn setup(config: &Config, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>)
         })
         .unzip();
     let output_latency = Duration::from_secs_f64(latency_ms.into_iter().fold(0.0, f64::max) / 1e3);
-    let home = |body: &Body| match &body.drives {
-        Some(Drives::Projector(projector)) => Some((projector.clone(), body.position_m.into())),
-        _ => None,
-    };
-    let homes_m = config.bodies.iter().filter_map(home).collect();
-    Setup { projectors, homes_m, refresh_hz, output_latency, settings: settings(config), scene }
+    Setup {
+        projectors,
+        homes_m: homes_m(&config.bodies),
+        refresh_hz,
+        output_latency,
+        settings: settings(config),
+        scene,
+    }
 }
 
 /// Structures that were built before: beside the pipelines, or with the state of a service that has no such place.

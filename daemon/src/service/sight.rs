@@ -105,6 +105,11 @@ impl Sight {
         &self.carrying
     }
 
+    /// No body carries a projector any more.
+    pub fn carry_nothing(&mut self) {
+        self.carrying.clear();
+    }
+
     /// Renders what is stale, for the eyes as they will be when its light leaves.
     ///
     /// # Errors

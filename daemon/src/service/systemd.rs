@@ -12,11 +12,6 @@ pub fn ready(status: &str) {
     notify(&[NotifyState::Ready, NotifyState::Status(status)]);
 }
 
-/// Tells systemd what is shown, a line for `systemctl status`.
-pub fn status(status: &str) {
-    notify(&[NotifyState::Status(status)]);
-}
-
 /// Tells systemd that the end has begun.
 pub fn stopping() {
     notify(&[NotifyState::Stopping]);

@@ -4,7 +4,7 @@ use roxmltree::Node as Element;
 
 use super::storage::Node;
 use super::text::malformed;
-use super::{FileError, xml};
+use super::{FileError, limits, xml};
 
 const FORMAT: &str = "OpenCV FileStorage (XML)";
 
@@ -16,15 +16,19 @@ pub(super) fn parse(text: &str) -> Result<Node, FileError> {
         let message = format!("its root is <{}>, not <opencv_storage>", root.tag_name().name());
         return Err(malformed(FORMAT, message));
     }
-    Ok(node(root))
+    node(root, 0)
 }
 
-/// The depth is bounded by [`xml::parse`].
-fn node(element: Element<'_, '_>) -> Node {
+/// A value and what it holds, to a bounded depth: whoever reads or drops it recurses.
+fn node(element: Element<'_, '_>, depth: usize) -> Result<Node, FileError> {
+    if depth > limits::DEPTH {
+        return Err(malformed(FORMAT, format!("its elements are more than {} deep", limits::DEPTH)));
+    }
     let mut children = element.children().filter(Element::is_element).peekable();
+    let named = |child: Element<'_, '_>| Ok((child.tag_name().name().to_owned(), node(child, depth + 1)?));
     match children.peek().map(|first| first.tag_name().name()) {
-        None => Node::Text(element.text().unwrap_or_default().trim().to_owned()),
-        Some("_") => Node::List(children.map(node).collect()),
-        Some(_) => Node::Map(children.map(|child| (child.tag_name().name().to_owned(), node(child))).collect()),
+        None => Ok(Node::Text(element.text().unwrap_or_default().trim().to_owned())),
+        Some("_") => children.map(|child| node(child, depth + 1)).collect::<Result<_, _>>().map(Node::List),
+        Some(_) => children.map(named).collect::<Result<_, _>>().map(Node::Map),
     }
 }

@@ -1,4 +1,5 @@
-//! XML as all formats read it: no document type, so no entities that grow; bounded in elements and depth.
+//! XML as all formats read it: no document type, so no entities that grow; bounded in elements. The parser does not recurse, so
+//! depth is for those to bound who do.
 
 use roxmltree::{Document, Node, ParsingOptions};
 
@@ -7,31 +8,8 @@ use super::{FileError, limits};
 
 /// Reads a document.
 pub(super) fn parse<'a>(text: &'a str, format: &'static str) -> Result<Document<'a>, FileError> {
-    check_depth(text, format)?;
     let options = ParsingOptions { nodes_limit: limits::NODES, ..ParsingOptions::default() };
     Document::parse_with_options(text, options).map_err(|error| malformed(format, error.to_string()))
-}
-
-/// Counts open elements before the parser sees them. It counts a little more than there are (a `<` in a comment or in
-/// character data), and never less.
-fn check_depth(text: &str, format: &'static str) -> Result<(), FileError> {
-    let bytes = text.as_bytes();
-    let mut depth = 0_usize;
-    for (at, _) in bytes.iter().enumerate().filter(|(_, byte)| **byte == b'<') {
-        match bytes.get(at + 1) {
-            Some(b'/') => depth = depth.saturating_sub(1),
-            Some(b'?' | b'!') | None => {}
-            Some(_) => {
-                let end = bytes[at..].iter().position(|byte| *byte == b'>').map(|length| at + length);
-                let is_closed = end.is_none_or(|end| bytes[end - 1] == b'/');
-                depth += usize::from(!is_closed);
-            }
-        }
-        if depth > limits::DEPTH {
-            return Err(malformed(format, format!("its elements are more than {} deep", limits::DEPTH)));
-        }
-    }
-    Ok(())
 }
 
 /// Child elements of a name, in whatever case it is written.
