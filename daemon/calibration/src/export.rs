@@ -91,14 +91,16 @@ pub fn mpcdi(calibration: &Calibration, region: &str) -> Result<Exported, Export
             "      <geometryWarpFile><path>warp.pfm</path><interpolation>linear</interpolation></geometryWarpFile>\n";
         left_out.push("its lens between the middles of pixels, where the warp is interpolated".to_owned());
     }
-    for (name, element, map) in
-        [("alpha.png", "alphaMap", &calibration.maps().alpha), ("beta.png", "betaMap", &calibration.maps().beta)]
+    // A beta map is linear and has no word for it.
+    let linear = "<gammaEmbedded>1</gammaEmbedded>";
+    let maps = calibration.maps();
+    for (name, element, gamma, map) in
+        [("alpha.png", "alphaMap", linear, &maps.alpha), ("beta.png", "betaMap", "", &maps.beta)]
     {
         let Some(map) = map else { continue };
         members.push((name, picture(map)?));
         files += &format!(
-            "      <{element}><path>{name}</path><componentDepth>3</componentDepth><bitdepth>16</bitdepth>\
-             <gammaEmbedded>1</gammaEmbedded></{element}>\n"
+            "      <{element}><path>{name}</path><componentDepth>3</componentDepth><bitdepth>16</bitdepth>{gamma}</{element}>\n"
         );
         left_out.push(format!("what 16 bits do not hold of {name}"));
     }

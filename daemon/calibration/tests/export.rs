@@ -3,6 +3,7 @@
 
 mod common;
 
+use std::io::{Cursor, Read};
 use std::path::Path;
 
 use common::{file, fixture, load};
@@ -68,6 +69,12 @@ fn maps_come_back_in_sixteen_bits() {
     let maps = Maps { alpha: Some(map.clone()), beta: Some(map) };
     let calibration = pinhole().calibration().clone().with_maps(maps.clone()).unwrap();
     let exported = mpcdi(&calibration, "left").unwrap();
+    let mut xml = String::new();
+    let mut archive = zip::ZipArchive::new(Cursor::new(&exported.bytes)).unwrap();
+    archive.by_name("mpcdi.xml").unwrap().read_to_string(&mut xml).unwrap();
+    // A beta map has no gamma of its own in MPCDI.
+    assert!(xml.contains("<bitdepth>16</bitdepth></betaMap>"), "{xml}");
+    assert!(xml.contains("<gammaEmbedded>1</gammaEmbedded></alphaMap>"), "{xml}");
     let (_folder, path) = file(exported.bytes);
     let back = load(&path, "mpcdi", SIZE_PX, "unit = \"m\"");
     for (back, map) in [(&back.calibration().maps().alpha, &maps.alpha), (&back.calibration().maps().beta, &maps.beta)]

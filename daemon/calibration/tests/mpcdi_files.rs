@@ -334,11 +334,25 @@ fn alpha_and_beta_are_linear_values() {
     };
     assert!(said(xml.clone(), &png(ImageFormat::Png, false)[..40]).contains("not readable as a PNG map"));
     assert!(said(xml.replacen("<gammaEmbedded>2.2</gammaEmbedded>", "", 1), b"").contains("has no <gammaEmbedded>"));
+    let alpha_picture = png(ImageFormat::Png, false);
+    let beta_of_gamma_0 = xml.replacen("<gammaEmbedded>1<", "<gammaEmbedded>0<", 1);
+    assert!(said(beta_of_gamma_0, &alpha_picture).contains("gammaEmbedded of <betaMap> is 0"));
     assert!(said(xml.replacen("2.2", "0", 1), b"").contains("gammaEmbedded of <alphaMap> is 0"));
     assert!(said(xml.replacen("a.png", "c.png", 1), b"").contains("there is no \"c.png\" in it"));
     let (_folder, path) = file(xml);
     let said = refused(&path, "mpcdi", SIZE_PX, "unit = \"m\"");
     assert!(said.contains("names \"a.png\", and an XML alone holds no maps"), "{said}");
+}
+
+#[test]
+fn a_beta_map_may_be_a_path_alone() {
+    let mut picture = Cursor::new(Vec::new());
+    ImageBuffer::from_fn(4, 2, |x, y| Luma([(40 * x + 30 * y) as u8])).write_to(&mut picture, ImageFormat::Png).unwrap();
+    let xml = mapped("3d", "<betaMap><path>b.png</path></betaMap>");
+    let (_folder, path) = file(zip(&[("mpcdi.xml", xml.as_bytes()), ("b.png", &picture.into_inner())]));
+    let frustum = load(&path, "mpcdi", SIZE_PX, "unit = \"m\"");
+    let beta = frustum.calibration().maps().beta.clone().unwrap();
+    assert!((beta.values[6] - Vec3::splat(110.0 / 255.0)).abs().max_element() < 1e-6, "{}", beta.values[6]);
 }
 
 #[test]

@@ -95,7 +95,10 @@ fn points(pfm: Pfm, warp: Node<'_, '_>, posed: &Posed, context: &Context<'_>) ->
 /// A picture as linear values.
 fn brightness(map: Node<'_, '_>, bytes: &[u8]) -> Result<Map, FileError> {
     let name = map.tag_name().name();
-    let gamma = xml::child_number(map, "gammaEmbedded", FORMAT)?;
+    // Beta maps are written without a gamma, and added to linear light as they are.
+    let is_beta = name.eq_ignore_ascii_case("betaMap");
+    let is_linear = is_beta && xml::child(map, "gammaEmbedded").is_none();
+    let gamma = if is_linear { 1.0 } else { xml::child_number(map, "gammaEmbedded", FORMAT)? };
     if !(0.1..=10.0).contains(&gamma) {
         return Err(malformed(FORMAT, format!("gammaEmbedded of <{name}> is {gamma}")));
     }
