@@ -302,6 +302,34 @@ fn a_warp_may_hold_the_points_that_pixels_land_on() {
 }
 
 #[test]
+fn points_without_a_unit_are_no_shares_of_an_image() {
+    let floor = pfm(SIZE_PX, |column, row| Vec3::new(column as f32, 0.0, row as f32 * 10.0 - 900.0));
+    let said = |files: &str, map: &[u8]| {
+        let (_folder, path) = file(zip(&[("mpcdi.xml", mapped("3d", files).as_bytes()), ("maps/Left.PFM", map)]));
+        refused(&path, "mpcdi", SIZE_PX, "unit = \"m\"")
+    };
+    let unknown = WARP.replace("</geo", "<geometricUnit>unknown</geometricUnit></geo");
+    for warp in [WARP, unknown.as_str()] {
+        let said = said(warp, &floor);
+        let expected = "its <geometryWarpFile> holds points and says no unit: its third numbers are not 0, as those of a map of the \
+                        image are; hint: write <geometricUnit> beside its <path>, or export it as a map of the image";
+        assert!(said.ends_with(expected), "{said}");
+    }
+    let said = said(&WARP.replace("geometryWarpFile", "distortionMap"), &floor);
+    let expected = "its <distortionMap> holds points: its third numbers are not 0, as those of a map of the image are; hint: \
+                    export it as a map of the image, or its points as a <geometryWarpFile> with a <geometricUnit>";
+    assert!(said.ends_with(expected), "{said}");
+
+    // What is unknown is unknown in all three, whatever stands there.
+    let at = |column, row| (centre_px(column, row) / SIZE_PX.as_dvec2()).as_vec2();
+    for third in [f32::NAN, f32::INFINITY, -0.0] {
+        let map = pfm(SIZE_PX, |column, row| at(column, row).extend(third));
+        let (_folder, path) = file(zip(&[("mpcdi.xml", mapped("3d", WARP).as_bytes()), ("maps/Left.PFM", &map)]));
+        assert!(load(&path, "mpcdi", SIZE_PX, "unit = \"m\"").ray(centre_px(3, 4)).is_some(), "{third}");
+    }
+}
+
+#[test]
 fn alpha_and_beta_are_linear_values() {
     let png = |format: ImageFormat, grey: bool| {
         let mut bytes = Cursor::new(Vec::new());

@@ -41,12 +41,24 @@ pub(super) fn read(
     let distortion = xml::child(files, "distortionMap");
     let warp = xml::child(files, "geometryWarpFile");
     let lens = match (distortion, warp) {
-        (Some(map), _) => shares(pfm::parse(&take(map, pfm::BYTES)?)?),
+        (Some(map), _) => shares(
+            pfm::parse(&take(map, pfm::BYTES)?)?,
+            "<distortionMap> holds points",
+            "export it as a map of the image, or its points as a <geometryWarpFile> with a <geometricUnit>",
+        )?,
         (None, Some(warp)) => {
             check_interpolation(warp)?;
             let pfm = pfm::parse(&take(warp, pfm::BYTES)?)?;
             let has_points = profile == Profile::ShaderLamps || posed.unit.is_some();
-            if has_points { points(pfm, warp, posed, context)? } else { shares(pfm) }
+            if has_points {
+                points(pfm, warp, posed, context)?
+            } else {
+                shares(
+                    pfm,
+                    "<geometryWarpFile> holds points and says no unit",
+                    "write <geometricUnit> beside its <path>, or export it as a map of the image",
+                )?
+            }
         }
         (None, None) => FileLens::Pinhole,
     };
@@ -66,9 +78,18 @@ fn check_interpolation(warp: Node<'_, '_>) -> Result<(), FileError> {
     }
 }
 
-/// u to the right and v down, in shares of the image.
-fn shares(pfm: Pfm) -> FileLens {
-    FileLens::Warp { size: pfm.size, places: pfm.pixels.iter().map(|pixel| pixel.truncate()).collect() }
+/// u to the right and v down, in shares of the image. Points of the world look alike but for their third number, which a
+/// place in the image has no use for: those are refused with what they are and what to do. That the configuration says a
+/// unit makes no points of them: it does so for where the projector stands.
+fn shares(pfm: Pfm, points: &str, hint: &str) -> Result<FileLens, FileError> {
+    if pfm.pixels.iter().any(|pixel| pixel.z.is_finite() && pixel.z != 0.0) {
+        return Err(FileError::Wrong {
+            key: "file",
+            message: format!("its {points}: its third numbers are not 0, as those of a map of the image are"),
+            hint: hint.to_owned(),
+        });
+    }
+    Ok(FileLens::Warp { size: pfm.size, places: pfm.pixels.iter().map(|pixel| pixel.truncate()).collect() })
 }
 
 /// Points of the world: a pixel's light goes from the frustum's centre through its point.
