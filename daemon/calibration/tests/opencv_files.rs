@@ -121,6 +121,8 @@ fn what_the_file_does_not_say_the_configuration_must() {
     let row = |i: usize| [n[11 + 3 * i], n[12 + 3 * i], n[13 + 3 * i], n[20 + i]];
     let view = [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]];
     agrees(&load(&path, "opencv", SIZE_PX, &format!("unit = \"mm\"\nview = {view:?}")), "decentred", DVec2::ONE);
+    // Then the file has no length, and a unit says nothing.
+    agrees(&load(&path, "opencv", SIZE_PX, &format!("view = {view:?}")), "decentred", DVec2::ONE);
     let said = refused(&fixture("sample-4.yml"), "opencv", SIZE_PX, &format!("unit = \"mm\"\nview = {view:?}"));
     assert!(said.contains("and `view` says so as well"), "{said}");
 }

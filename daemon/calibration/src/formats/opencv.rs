@@ -4,7 +4,7 @@
 //! x_projector = R · x_world + T. Distortion is that of Brown and Conrady: k1, k2, p1, p2, k3.
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, UVec2};
-use lantern_config::Order;
+use lantern_config::{Order, Unit};
 
 use super::FileError;
 use super::context::Context;
@@ -59,8 +59,8 @@ pub(super) fn read(bytes: &[u8], context: &Context<'_>) -> Result<Posed, FileErr
         .map(|found| distortion(&found.matrix(keys.distortion)?, keys.distortion))
         .transpose()?;
     let image = Image { lens: distortion.map_or(FileLens::Pinhole, FileLens::BrownConrady), ..Image::default() };
-    let view_from_file = pose(node, keys, context)?;
-    Ok(Posed { size_px, focal_px, centre_px, view_from_file, unit: None, near: None, far: None, image })
+    let (view_from_file, unit) = pose(node, keys, context)?;
+    Ok(Posed { size_px, focal_px, centre_px, view_from_file, unit, near: None, far: None, image })
 }
 
 /// The map that has a key set, and which: the whole file, or one of several maps in it by name.
@@ -125,8 +125,8 @@ fn distortion(matrix: &Matrix, name: &str) -> Result<[f64; 5], FileError> {
     Ok(std::array::from_fn(|i| matrix.data.get(i).copied().unwrap_or(0.0)))
 }
 
-/// x right, y down, z forward from the file's world; lengths in the file's unit.
-fn pose(node: &Node, keys: &KeySet, context: &Context<'_>) -> Result<DMat4, FileError> {
+/// x right, y down, z forward from the file's world; and the unit of its lengths, where it is known.
+fn pose(node: &Node, keys: &KeySet, context: &Context<'_>) -> Result<(DMat4, Option<Unit>), FileError> {
     let found = |names: &'static [&'static str]| names.iter().find_map(|name| Some((*name, node.get(name)?)));
     match (found(keys.rotation), found(keys.translation), &context.file.view) {
         (Some((name, _)), _, Some(_)) | (None, Some((name, _)), Some(_)) => Err(FileError::Contradicted {
@@ -138,13 +138,13 @@ fn pose(node: &Node, keys: &KeySet, context: &Context<'_>) -> Result<DMat4, File
             let rotation = rotation(&rotation_node.matrix(rotation_name)?, rotation_name, context.file.order)?;
             let translation = translation.matrix(translation_name)?;
             let [x, y, z] = vector(&translation, translation_name)?;
-            Ok(affine(rotation, DVec3::new(x, y, z)))
+            Ok((affine(rotation, DVec3::new(x, y, z)), None))
         }
-        // In metres, as all that the configuration says.
+        // In metres, as all that the configuration says. The file has no other length, so any unit of its own will do.
         (None, None, Some(view)) => {
             let view = dmat4_from_rows(view);
-            let per_unit = 1.0 / context.unit_m(None)?;
-            Ok(affine(DMat3::from_mat4(view), view.w_axis.truncate() * per_unit))
+            let unit = context.file.unit.unwrap_or(Unit::Metre);
+            Ok((affine(DMat3::from_mat4(view), view.w_axis.truncate() / unit.metres()), Some(unit)))
         }
         (None, _, None) | (Some(_), None, None) => Err(FileError::Unsaid {
             what: format!("where the projector stands (no {} and {})", keys.rotation[0], keys.translation[0]),
