@@ -13,8 +13,12 @@ use crate::describe::Description;
 use crate::formats::pfm::{self, Pfm};
 use crate::{Calibration, Convention, Frustum, Lens, Map};
 
-/// An MPCDI frustum has four angles, so what is sheared or keystoned by more than this, in pixels, is none.
-const FRUSTUM_WITHIN_PX: f64 = 1e-6;
+/// An MPCDI frustum has four angles, so what is sheared or keystoned by more than this, in pixels, is none. A matrix of
+/// six decimals is off by about a thousandth of a pixel.
+const FRUSTUM_WITHIN_PX: f64 = 0.05;
+
+/// What is off by less, in pixels, is so by the last digits of what is exact.
+const EXACT_WITHIN_PX: f64 = 1e-6;
 
 /// What was written, and what could not be.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +35,15 @@ pub enum ExportError {
     /// The format has no words for such a projector.
     #[error("MPCDI has no frustum for it: {0}; hint: --format matrices holds any matrix")]
     NoFrustum(&'static str),
+    /// Its image is a rectangle in no frame.
+    #[error(
+        "MPCDI has no frustum for it: its image is sheared or keystoned by {off_px:.2} px; hint: --format matrices holds \
+         any matrix"
+    )]
+    NotRectangular {
+        /// How far the corner that is worst off lies from that of the nearest rectangle, px.
+        off_px: f64,
+    },
     /// An archive or a picture could not be made.
     #[error("the archive cannot be made: {0}")]
     Archive(#[from] ZipError),
@@ -81,6 +94,9 @@ pub fn mpcdi(calibration: &Calibration, region: &str) -> Result<Exported, Export
         "its unit, which is metres: set unit = \"m\" where it is loaded".to_owned(),
         "its near and far planes and its clip space: set near_m, far_m and convention where they matter".to_owned(),
     ];
+    if shape.off_px > EXACT_WITHIN_PX {
+        left_out.push(format!("its shear and keystone, of up to {:.6} px: a frustum has none", shape.off_px));
+    }
 
     let mut members: Vec<(&str, Vec<u8>)> = Vec::new();
     let mut files = String::new();
@@ -121,6 +137,8 @@ struct Shape {
     turn_deg: [f64; 3],
     /// Left, right, up and down, degrees.
     angles_deg: [f64; 4],
+    /// How far the image's corners lie from those of the calibration, at the most, px.
+    off_px: f64,
 }
 
 impl Shape {
@@ -139,23 +157,28 @@ impl Shape {
         let corners: Option<Vec<DVec3>> = corners_px.iter().map(|at| Some(frustum.ray(*at)?.direction)).collect();
         let corners: [DVec3; 4] = corners.and_then(|all| all.try_into().ok()).ok_or(hidden)?;
 
-        // The frame of an image plane at distance 1 before the eye: what is ahead, and which way its rows run.
+        // The frame of an image plane at distance 1 before the eye: what is ahead, and which way its rows and columns run.
+        // Where these are at no right angle, both give way alike.
         let ahead = seen.axis;
         let on_plane = corners.map(|direction| direction / direction.dot(ahead));
-        let right = (on_plane[1] - on_plane[0]).normalize();
+        let along_rows = (on_plane[1] - on_plane[0] + on_plane[3] - on_plane[2]).normalize();
+        let along_columns = (on_plane[0] - on_plane[2] + on_plane[1] - on_plane[3]).normalize();
+        let right = (along_rows + ahead.cross(along_columns)).normalize();
         let up = right.cross(ahead);
+
+        // The rectangle whose sides are where those of the image are on average.
         let places = on_plane.map(|at| DVec2::new(at.dot(right), at.dot(up)));
         let [left_top, right_top, left_bottom, right_bottom] = places;
-        let pixel = (right_top.x - left_top.x) / size_px.x;
-        let off = [
-            left_bottom.x - left_top.x,
-            right_bottom.x - right_top.x,
-            right_top.y - left_top.y,
-            right_bottom.y - left_bottom.y,
-        ];
-        let is_rectangle = off.iter().all(|off| off.abs() < FRUSTUM_WITHIN_PX * pixel.abs());
+        let (left, right_side) = ((left_top.x + left_bottom.x) * 0.5, (right_top.x + right_bottom.x) * 0.5);
+        let (top, bottom) = ((left_top.y + right_top.y) * 0.5, (left_bottom.y + right_bottom.y) * 0.5);
+        let pixel = DVec2::new(right_side - left, top - bottom) / size_px;
+        let rectangle = [(left, top), (right_side, top), (left, bottom), (right_side, bottom)].map(DVec2::from);
+        let off_px: [f64; 4] = std::array::from_fn(|i| ((places[i] - rectangle[i]) / pixel).length());
+        // Written so that a NaN is refused too.
+        let is_rectangle = off_px.iter().all(|off_px| *off_px <= FRUSTUM_WITHIN_PX);
+        let off_px = off_px.into_iter().fold(0.0, f64::max);
         if !is_rectangle {
-            return Err(ExportError::NoFrustum("its image is sheared or keystoned"));
+            return Err(ExportError::NotRectangular { off_px });
         }
         let world_from_view = DMat3::from_cols(right, up, -ahead);
         let (yaw, pitch, roll) = world_from_view.to_euler(EulerRot::YXZ);
@@ -163,7 +186,8 @@ impl Shape {
         Ok(Self {
             position_m,
             turn_deg: [-yaw, pitch, -roll].map(f64::to_degrees),
-            angles_deg: [angle(left_top.x), angle(right_top.x), angle(left_top.y), angle(left_bottom.y)],
+            angles_deg: [angle(left), angle(right_side), angle(top), angle(bottom)],
+            off_px,
         })
     }
 }

@@ -375,7 +375,9 @@ fn alpha_and_beta_are_linear_values() {
 #[test]
 fn a_beta_map_may_be_a_path_alone() {
     let mut picture = Cursor::new(Vec::new());
-    ImageBuffer::from_fn(4, 2, |x, y| Luma([(40 * x + 30 * y) as u8])).write_to(&mut picture, ImageFormat::Png).unwrap();
+    ImageBuffer::from_fn(4, 2, |x, y| Luma([(40 * x + 30 * y) as u8]))
+        .write_to(&mut picture, ImageFormat::Png)
+        .unwrap();
     let xml = mapped("3d", "<betaMap><path>b.png</path></betaMap>");
     let (_folder, path) = file(zip(&[("mpcdi.xml", xml.as_bytes()), ("b.png", &picture.into_inner())]));
     let frustum = load(&path, "mpcdi", SIZE_PX, "unit = \"m\"");
