@@ -176,6 +176,10 @@ fn an_axis_in_the_middle_of_another_image() {
                  if it was made for that image, set resolution_px = [1920, 1080] beside `file`";
     says(&of("[1280, 720]", "")[0], Ailment::WrongResolution, false, "file", words);
     assert_eq!(of("[1280, 720]", "resolution_px = [1920, 1080]"), []);
+    // Beside `file` another shape is refused: then the projector or the file is to change.
+    let words = "wrong resolution: its axis is at (962, 538) px, which is the middle of 1920 × 1080 and not of 1280 × 800; hint: \
+                 set resolution_px to the resolution that was calibrated, or calibrate at this one";
+    says(&of("[1280, 800]", "")[0], Ailment::WrongResolution, false, "file", words);
     assert_eq!(of("[1920, 1080]", ""), []);
 }
 

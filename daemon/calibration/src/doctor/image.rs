@@ -5,6 +5,7 @@ use lantern_config::{Calibration as Configured, Format};
 
 use super::{Ailment, Finding, Patient};
 use crate::Convention;
+use crate::formats::have_same_shape;
 
 /// How far lenses shift, in widths and heights of the image, from its middle to the axis. Ultra-short-throw lenses have their
 /// axis one and a half heights below.
@@ -22,6 +23,9 @@ const SQUARE_WITHIN: f64 = 0.04;
 
 /// How near an aspect or a size must be to one that is common.
 const COMMON_WITHIN: f64 = 0.01;
+
+/// What to do about an image of another shape.
+const ANOTHER_RESOLUTION: &str = "set resolution_px to the resolution that was calibrated, or calibrate at this one";
 
 /// Width by height of what projectors show.
 const COMMON_PX: [[u32; 2]; 14] = [
@@ -115,7 +119,7 @@ pub(super) fn pixels_not_square(patient: &Patient<'_>) -> Option<Finding> {
             made_for[0],
             made_for[1]
         ),
-        hint: "set resolution_px to the resolution that was calibrated, or calibrate at this one".to_owned(),
+        hint: ANOTHER_RESOLUTION.to_owned(),
     })
 }
 
@@ -141,10 +145,12 @@ pub(super) fn made_for_another_image(patient: &Patient<'_>) -> Option<Finding> {
             "wrong resolution: its axis is at ({:.0}, {:.0}) px, which is the middle of {} × {} and not of {} × {}",
             axis_px.x, axis_px.y, made_for.x, made_for.y, size.x, size.y
         ),
-        hint: format!(
-            "if it was made for that image, set resolution_px = [{}, {}] beside `file`",
-            made_for.x, made_for.y
-        ),
+        // Beside `file` only an image of the projector's own shape is taken.
+        hint: if have_same_shape(made_for, size) {
+            format!("if it was made for that image, set resolution_px = [{}, {}] beside `file`", made_for.x, made_for.y)
+        } else {
+            ANOTHER_RESOLUTION.to_owned()
+        },
     })
 }
 

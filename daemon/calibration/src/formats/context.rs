@@ -8,6 +8,12 @@ use super::FileError;
 /// Two shapes of an image are the same where their aspects differ by less than this: 1366 × 768 is 16 : 9.
 const SAME_ASPECT: f64 = 2e-3;
 
+/// Whether what was made for one image can be used for the other.
+pub(crate) fn have_same_shape(a: UVec2, b: UVec2) -> bool {
+    let aspect = |size: UVec2| f64::from(size.x) / f64::from(size.y);
+    (aspect(a) / aspect(b) - 1.0).abs() < SAME_ASPECT
+}
+
 /// A file's table in the configuration, and the projector that it is for.
 pub(super) struct Context<'a> {
     pub(super) file: &'a CalibrationFile,
@@ -31,9 +37,7 @@ impl Context<'_> {
             });
         }
         let size_px = stated_px.or(said_px).unwrap_or(self.resolution_px);
-        let aspect = |size: UVec2| f64::from(size.x) / f64::from(size.y);
-        let is_alike = (aspect(size_px) / aspect(self.resolution_px) - 1.0).abs() < SAME_ASPECT;
-        if size_px.min_element() == 0 || !is_alike {
+        if size_px.min_element() == 0 || !have_same_shape(size_px, self.resolution_px) {
             return Err(FileError::Resolution { file_px: size_px, projector_px: self.resolution_px });
         }
         Ok(size_px)

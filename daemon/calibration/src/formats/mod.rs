@@ -31,6 +31,7 @@ use std::io::Read;
 use glam::UVec2;
 use lantern_config::{CalibrationFile, Format};
 
+pub(crate) use context::have_same_shape;
 pub use error::FileError;
 
 use crate::Calibration;
