@@ -144,6 +144,64 @@ fn wrong_units() {
                  set unit = \"mm\"";
     says(&found[0], Ailment::WrongUnits, true, "unit", words);
     assert_eq!((found.len(), of("mm")), (1, vec![]));
+    // What is proposed hangs on what is set.
+    let words = "wrong units: it stands 548 m from the nearest prop; hint: it looks like millimetres that are read as feet: \
+                 set unit = \"mm\"";
+    says(&of("ft")[0], Ailment::WrongUnits, false, "unit", words);
+    std::fs::write(&path, storage.replace("1800.5", "1800500.")).unwrap();
+    let words = "wrong units: it stands 1,800 m from the nearest prop; hint: no smaller unit brings it near: look at the \
+                 translation in the file";
+    says(&of("mm")[0], Ailment::WrongUnits, true, "file", words);
+
+    // Metres that are read as millimetres: it stands among the props.
+    std::fs::write(&path, storage.replace("1800.5", "1.8")).unwrap();
+    let words = "wrong units: it stands inside of the box around all props; hint: it looks like metres that are read as \
+                 millimetres: set unit = \"m\"";
+    says(&of("mm")[0], Ailment::WrongUnits, false, "unit", words);
+    says(&of("cm")[0], Ailment::WrongUnits, false, "unit", &words.replace("milli", "centi"));
+    assert_eq!(of("m"), []);
+    // As metres these would be too far off.
+    std::fs::write(&path, storage.replace("1800.5", "300.")).unwrap();
+    let words = words.replace("like metres", "like decimetres").replace("\"m\"", "\"dm\"");
+    says(&of("mm")[0], Ailment::WrongUnits, false, "unit", &words);
+}
+
+/// Metres of the configuration are metres whatever unit the file has, so that is not what to set.
+#[test]
+fn wrong_units_of_a_view_beside_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("left.yml");
+    let storage = "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 1280., 0., 640., \
+                   0., 1280., 500., 0., 0., 1. ]\n";
+    std::fs::write(&path, storage).unwrap();
+    let view = "[[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 1800.5], [0, 0, 0, 1]]";
+    for unit in ["", "unit = \"mm\"\n"] {
+        let text = format!(
+            "[[projector]]\nname = \"left\"\nresolution_px = [1280, 800]\n[projector.calibration]\nfile = {path:?}\nformat = \"opencv\"\n{unit}view = {view}\n"
+        );
+        let words = "wrong units: it stands 1,800 m from the nearest prop; hint: it looks like millimetres that are read as \
+                     metres: multiply the translation of `view` by 0.001";
+        says(&findings(&projector(&text), Some(&PROPS))[0], Ailment::WrongUnits, true, "view", words);
+    }
+}
+
+/// A projector that stands in a room of props, some of them behind it, says so in whatever unit it likes.
+#[test]
+fn a_projector_in_a_room_of_props_is_well() {
+    let room = Props { low_m: DVec3::new(-3.0, -0.1, -4.0), high_m: DVec3::new(3.0, 2.8, 4.0) };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("stage.json");
+    for (unit, metre) in [("mm", 1000.0), ("cm", 100.0), ("dm", 10.0), ("m", 1.0)] {
+        for eye in [[1.5, 2.0, 2.0], [-0.4, 2.2, 0.3], [0.1, 1.0, -0.5]] {
+            let eye = eye.map(|coordinate: f64| coordinate * metre);
+            let stage = serde_json::json!({"c": {"type": "camera", "eye": eye, "target": [0.0, 0.5 * metre, -3.0 * metre], "up": [0, 1, 0], "fov": 40}});
+            std::fs::write(&path, stage.to_string()).unwrap();
+            let text = format!(
+                "[[projector]]\nname = \"left\"\nresolution_px = [1280, 800]\n[projector.calibration]\nfile = {path:?}\nformat = \"splash\"\nunit = {unit:?}\n"
+            );
+            assert_eq!(findings(&projector(&text), Some(&room)), [], "{unit} {eye:?}");
+        }
+    }
 }
 
 #[test]

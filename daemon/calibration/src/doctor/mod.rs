@@ -8,6 +8,7 @@
 mod image;
 mod place;
 mod stored;
+mod units;
 
 use std::fmt;
 

@@ -1,18 +1,12 @@
 //! Where a projector stands beside the props.
 
-use glam::{DMat4, DVec3, DVec4};
-use lantern_config::{Calibration as Configured, Unit};
+use glam::{DMat4, DVec4};
+use lantern_config::Calibration as Configured;
 
+use super::units::wrong_units;
 use super::{Ailment, Finding, Patient, Props};
 use crate::Calibration;
 use crate::clip::dmat4_from_rows;
-
-/// From farther than this no projector lights anything.
-const CERTAINLY_TOO_FAR_M: f64 = 1000.0;
-
-/// From farther than this, and from many times the size of what it lights, few do.
-const SUSPICIOUSLY_FAR_M: f64 = 100.0;
-const SUSPICIOUSLY_FAR_SIZES: f64 = 30.0;
 
 /// Beyond the image by so much of it, for the sake of lenses, a box is certainly not in it.
 const BESIDE: f64 = 1.25;
@@ -27,47 +21,6 @@ pub(super) fn place(patient: &Patient<'_>, props: Option<&Props>) -> Option<Find
         outside(patient.calibration, props)
             .then(|| nothing_in_view(patient.configured, patient.calibration, Some(props)))
     })
-}
-
-fn wrong_units(patient: &Patient<'_>, props: Option<&Props>) -> Option<Finding> {
-    let stands_m = patient.seen.position_m?;
-    let nearest_m = props.map_or(DVec3::ZERO, |props| stands_m.clamp(props.low_m, props.high_m));
-    let distance_m = stands_m.distance(nearest_m);
-    let size_m = props.map_or(0.0, |props| props.low_m.distance(props.high_m));
-    let certain = distance_m > CERTAINLY_TOO_FAR_M && props.is_some();
-    let suspicious = distance_m > SUSPICIOUSLY_FAR_M && distance_m > SUSPICIOUSLY_FAR_SIZES * size_m;
-    // Without props it may stand where it likes, but for the other side of the world.
-    let known = props.is_some() || distance_m > CERTAINLY_TOO_FAR_M;
-    if !known || !(certain || suspicious) {
-        return None;
-    }
-
-    // The smallest unit of which it would not stand on the props.
-    let is_millimetres = distance_m * Unit::Millimetre.metres() >= 0.3;
-    let (name, unit) =
-        if is_millimetres { ("millimetres", Unit::Millimetre) } else { ("centimetres", Unit::Centimetre) };
-    let factor = unit.metres();
-    let (key, remedy) = match patient.configured {
-        Configured::Matrices(_) => ("view", format!("multiply the translation of `view` by {factor}")),
-        Configured::File(file) if file.unit.is_some() => ("unit", format!("set unit = \"{}\"", unit.as_str())),
-        Configured::File(_) => ("file", format!("scale it by {factor} in world_from_file")),
-    };
-    let what = if props.is_some() { "the nearest prop" } else { "the world's origin" };
-    Some(Finding {
-        ailment: Ailment::WrongUnits,
-        certain,
-        key,
-        message: format!("wrong units: it stands {} m from {what}", thousands(distance_m)),
-        hint: format!("it looks like {name} that are read as metres: {remedy}"),
-    })
-}
-
-/// A whole number with its thousands parted.
-fn thousands(number: f64) -> String {
-    let digits = format!("{number:.0}");
-    let parted: Vec<&str> =
-        digits.as_bytes().rchunks(3).rev().map(|chunk| std::str::from_utf8(chunk).unwrap_or_default()).collect();
-    parted.join(",")
 }
 
 /// Clip space of the corners that are ahead.
