@@ -185,6 +185,26 @@ fn wrong_units_of_a_view_beside_a_file() {
     }
 }
 
+/// Files that say their unit themselves are scaled in their frame.
+#[test]
+fn wrong_units_of_a_file_that_says_its_own() {
+    let far_off = projector(&GOOD.replace("-2.23606797749979", "-2236.06797749979"));
+    let calibration = Calibration::from_config(&far_off).unwrap();
+    for (format, looks) in [
+        ("mpcdi", "its lengths look 1000 times too large"),
+        ("roomalive", "it looks like millimetres that are read as metres"),
+    ] {
+        let text = format!(
+            "[[projector]]\nname = \"left\"\nresolution_px = [1280, 800]\n[projector.calibration]\nfile = \"left\"\nformat = {format:?}\n"
+        );
+        let found = examine(&projector(&text).calibration, &calibration, Some(&PROPS));
+        let words = format!(
+            "wrong units: it stands 2,235 m from the nearest prop; hint: {looks}: scale it by 0.001 in world_from_file"
+        );
+        says(&found[0], Ailment::WrongUnits, true, "file", &words);
+    }
+}
+
 /// A projector that stands in a room of props, some of them behind it, says so in whatever unit it likes.
 #[test]
 fn a_projector_in_a_room_of_props_is_well() {
