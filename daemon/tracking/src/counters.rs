@@ -12,6 +12,9 @@ const SLOT: Duration = Duration::from_millis(100);
 /// No more ids of strange bodies are kept: enough to see what there is.
 const MAX_STRANGERS: usize = 16;
 
+/// No word that stands in a packet is kept longer, in characters: `status` is a line of bounded length.
+const MAX_WORD_CHARS: usize = 128;
+
 /// What else than `status` knows of a tracker by other ways.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Socket {
@@ -53,7 +56,7 @@ impl Counters {
 
     pub(crate) fn reject(&mut self, reason: String) {
         self.rejected += 1;
-        self.last_reject = Some(reason);
+        self.last_reject = Some(shortened(reason));
     }
 
     /// One that moves nothing, by its reason.
@@ -67,7 +70,7 @@ impl Counters {
             }
             Refusal::Other(what) => {
                 self.others.packets += 1;
-                self.others.last = Some(what);
+                self.others.last = Some(shortened(what));
             }
         }
     }
@@ -80,7 +83,7 @@ impl Counters {
     /// A body that nobody asked for.
     pub(crate) fn meet(&mut self, stranger: &BodyId) {
         if self.others.bodies.len() < MAX_STRANGERS {
-            let name = stranger.to_string();
+            let name = shortened(stranger.to_string());
             if !self.others.bodies.contains(&name) {
                 self.others.bodies.push(name);
             }
@@ -108,6 +111,17 @@ impl Counters {
             others: self.others.clone(),
         }
     }
+}
+
+/// The beginning of what is too long, with a sign that there was more.
+fn shortened(mut word: String) -> String {
+    if word.chars().nth(MAX_WORD_CHARS).is_some()
+        && let Some((end, _)) = word.char_indices().nth(MAX_WORD_CHARS - 1)
+    {
+        word.truncate(end);
+        word.push('…');
+    }
+    word
 }
 
 /// Events of the last second, in slots of a tenth.
@@ -155,6 +169,15 @@ fn index(number: u128) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn words_are_cut_between_characters() {
+        for (length, kept) in [(127, 127), (128, 128), (129, 127), (60_000, 127)] {
+            let word = shortened("é".repeat(length));
+            let sign = if length > 128 { "…" } else { "" };
+            assert_eq!(word, "é".repeat(kept) + sign, "{length}");
+        }
+    }
 
     #[test]
     fn the_rate_is_that_of_the_last_second() {

@@ -163,6 +163,28 @@ fn every_flipped_bit_is_refused_or_harmless() {
     }
 }
 
+/// What is told of datagrams is told in a line of 1 MiB, together with all the rest, whatever words stand in them.
+#[test]
+fn long_words_make_no_long_status() {
+    let mut listener = Listener::new("protocol = \"osc\"\npreset = \"vmc\"");
+    // Each of these is six bytes in JSON.
+    let long = "\u{1}".repeat(15_000);
+    for stranger in 0..20 {
+        let name = format!("é{stranger}{long}");
+        let numbers = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0];
+        listener.bad(&osc("/VMC/Ext/Hmd/Pos", Some(&name), &numbers), "body id é");
+    }
+    listener.hear(&osc(&format!("/{long}"), None, &[1.0]));
+    let status = listener.source.status();
+    assert_eq!((status.others.packets, status.others.bodies.len()), (1, 16));
+    let words = status.others.bodies.iter().chain(&status.last_reject).chain(&status.others.last);
+    for word in words {
+        assert!(word.chars().count() <= 128 && word.ends_with('…'), "{word}");
+    }
+    let json = serde_json::to_string(&status).unwrap();
+    assert!(json.len() < 20_000, "{} bytes", json.len());
+}
+
 /// Every two and four bytes of a packet that could be a length or a count, as other ones.
 #[test]
 fn lengths_may_lie() {
