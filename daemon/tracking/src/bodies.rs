@@ -1,7 +1,8 @@
 //! The bodies and their latest poses, shared by those who hear and those who render.
 
-use crate::pose::{BodyPose, MAX_DISTANCE_M, NORM_TOLERANCE, SOURCE_CONFIG, Update};
+use crate::pose::{BodyPose, MAX_DISTANCE_M, SOURCE_CONFIG, Update};
 use crate::predict::Predictor;
+use crate::protocol::NORM_TOLERANCE;
 use glam::{DQuat, DVec3};
 use lantern_config::{Body, Drives};
 use lantern_proto::status::BodyStatus;

@@ -13,7 +13,7 @@
 //! interest. There is no checksum: a digit that becomes another one is data.
 
 use crate::axes::Axes;
-use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, bad};
+use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, bad, ns_of};
 use glam::{DMat3, DQuat, DVec3};
 use std::net::SocketAddr;
 use std::ops::RangeInclusive;
@@ -21,7 +21,6 @@ use std::str::FromStr;
 
 /// No room holds more; what claims to is no DTRACK.
 const MAX_BODIES: usize = 1000;
-const NS_PER_S: f64 = 1e9;
 const DAY_S: f64 = 86_400.0;
 /// How far the columns of a rotation may be from length 1 and from right angles.
 const ROTATION_TOLERANCE: f64 = 0.01;
@@ -45,17 +44,17 @@ impl Dtrack {
     }
 
     /// ns since the midnight before the first datagram: at midnight the sender's seconds begin anew, and this goes on.
-    fn unwrapped_ns(&mut self, time_s: f64) -> u64 {
+    fn unwrapped_ns(&mut self, time_s: f64) -> Option<u64> {
         let (newest_s, mut days) = self.clock.unwrap_or((time_s, 0));
         // Less than half a day back is a clock that was set, or a datagram that comes late.
         if newest_s - time_s > DAY_S / 2.0 {
             days += 1;
         } else if time_s - newest_s > DAY_S / 2.0 && days > 0 {
             // One of yesterday that comes late.
-            return ns((f64::from(days) - 1.0) * DAY_S + time_s);
+            return ns_of((f64::from(days) - 1.0) * DAY_S + time_s);
         }
         self.clock = Some((time_s, days));
-        ns(f64::from(days) * DAY_S + time_s)
+        ns_of(f64::from(days) * DAY_S + time_s)
     }
 
     /// What the configuration calls a Flystick. A bare number means a standard body, if one has been seen.
@@ -158,7 +157,7 @@ impl Protocol for Dtrack {
         }
         heard.frame = frame.number;
         heard.is_everything = true;
-        let measured_ns = frame.time_s.map(|time_s| self.unwrapped_ns(time_s));
+        let measured_ns = frame.time_s.and_then(|time_s| self.unwrapped_ns(time_s));
         heard.readings.iter_mut().for_each(|reading| reading.measured_ns = measured_ns);
         Ok(())
     }
@@ -225,8 +224,4 @@ fn number<T: FromStr>(text: &str) -> Result<T, Refusal> {
 fn id_of(number: f64) -> Result<u32, Refusal> {
     let id = number as u32;
     if f64::from(id) == number { Ok(id) } else { bad(format!("{number} is no id of a body")) }
-}
-
-fn ns(time_s: f64) -> u64 {
-    (time_s * NS_PER_S).round() as u64
 }

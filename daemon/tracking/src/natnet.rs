@@ -14,7 +14,7 @@
 
 use crate::bytes::Bytes;
 use crate::natnet_server::{Conversation, FRAME, SERVER_INFO};
-use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, Saying, bad, finite, unit};
+use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, Saying, bad, finite, ns_of, unit};
 use glam::DQuat;
 use lantern_config::NatnetVersion;
 use std::net::SocketAddr;
@@ -126,7 +126,7 @@ fn frame(mut bytes: Bytes<'_>, version: NatnetVersion, heard: &mut Heard) -> Res
     }
     heard.is_everything = true;
     // Of a clock that starts with Motive a time before 0 is none.
-    let measured_ns = (time_s >= 0.0).then(|| (time_s * 1e9).round() as u64);
+    let measured_ns = ns_of(time_s);
     heard.readings.iter_mut().for_each(|reading| reading.measured_ns = measured_ns);
     Ok(())
 }

@@ -13,7 +13,7 @@
 
 use crate::axes::Axes;
 use crate::osc_packet::{Message, messages};
-use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, bad, finite, unit};
+use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, bad, finite, ns_of, unit};
 use glam::{DQuat, DVec3, DVec4};
 use lantern_config::{OscArgument, OscPattern};
 use rosc::OscType;
@@ -114,7 +114,7 @@ fn optitrack(message: &Message) -> Result<Option<Reading>, Refusal> {
         Some(2.0) => {
             let [time_s, px, py, pz, qx, qy, qz, qw] = numbers(rest, address)?;
             let reading = pose(body, &Axes::Y_UP, [px, py, pz], [qx, qy, qz, qw])?;
-            Ok(Some(Reading { measured_ns: ns(time_s), ..reading }))
+            Ok(Some(Reading { measured_ns: ns_of(time_s), ..reading }))
         }
         _ => Ok(None),
     }
@@ -145,7 +145,7 @@ fn free(message: &Message, pattern: &OscPattern) -> Result<Option<Reading>, Refu
     let position_m = p.map(|p| position(&axes, p.map(|x| x * pattern.unit_m))).transpose()?;
     let quaternion = q.map(|q| rotation(&axes, q)).transpose()?;
     let turns = turn.map(|turn| turned(&axes, turn)).transpose()?;
-    let measured_ns = time_s.and_then(ns);
+    let measured_ns = time_s.and_then(ns_of);
     Ok(Some(Reading { position_m, orientation: quaternion.or(turns), measured_ns, ..Reading::of(body) }))
 }
 
@@ -210,9 +210,4 @@ fn id_of(argument: &OscType) -> Option<BodyId> {
         OscType::String(name) => Some(BodyId::parse(name)),
         _ => number(argument).filter(|id| id.fract() == 0.0).map(|id| BodyId::parse(&id.to_string())),
     }
-}
-
-/// A time of measurement; one that is before its clock's start is none.
-fn ns(time_s: f64) -> Option<u64> {
-    (time_s.is_finite() && time_s >= 0.0).then(|| (time_s * 1e9).round() as u64)
 }

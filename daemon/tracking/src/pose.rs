@@ -11,8 +11,6 @@ pub(crate) const SOURCE_CONFIG: &str = "config";
 /// keeps nothing of a room.
 pub(crate) const MAX_DISTANCE_M: f64 = 1e8;
 
-/// How far a quaternion's norm may be from 1.
-pub(crate) const NORM_TOLERANCE: f64 = 0.01;
 
 /// Where a body is, as last said by anyone.
 #[derive(Clone, Debug, PartialEq)]

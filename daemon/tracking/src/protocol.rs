@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 use std::time::Instant;
 
 /// How far a quaternion's norm may be from 1.
-const NORM_TOLERANCE: f64 = 0.01;
+pub(crate) const NORM_TOLERANCE: f64 = 0.01;
 
 /// The tracker's own word for a body.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -117,6 +117,11 @@ pub(crate) trait Protocol: Send {
     fn say(&mut self, _now: Instant) -> Vec<Saying> {
         Vec::new()
     }
+}
+
+/// A time of a sender's clock, ns; one that is before its clock's start, or no number, is none.
+pub(crate) fn ns_of(time_s: f64) -> Option<u64> {
+    (time_s.is_finite() && time_s >= 0.0).then(|| (time_s * 1e9).round() as u64)
 }
 
 /// A refusal of a broken datagram.
