@@ -1,6 +1,6 @@
 //! The bodies and their latest poses, shared by those who hear and those who render.
 
-use crate::pose::{BodyPose, MAX_DISTANCE_M, SOURCE_CONFIG, Update};
+use crate::pose::{BodyPose, MAX_DISTANCE_M, SOURCE_CONFIG, Update, is_place};
 use crate::predict::Predictor;
 use crate::protocol::NORM_TOLERANCE;
 use glam::{DQuat, DVec3};
@@ -260,11 +260,6 @@ impl Entry {
     fn moves_until(&self) -> Option<Instant> {
         self.predictor.as_ref().and_then(Predictor::changes_until)
     }
-}
-
-/// Finite, and within what single precision can hold a room at.
-pub(crate) fn is_place(position_m: DVec3) -> bool {
-    position_m.to_array().iter().all(|x| x.abs() <= MAX_DISTANCE_M)
 }
 
 fn entry(body: &Body, old: Option<Entry>, now: Instant) -> Entry {

@@ -11,6 +11,8 @@ pub(crate) const SOURCE_CONFIG: &str = "config";
 /// keeps nothing of a room.
 pub(crate) const MAX_DISTANCE_M: f64 = 1e8;
 
+/// The fastest that anything is believed to be, m/s: beyond it a tracker's numbers are none of a room.
+const MAX_SPEED_M_S: f64 = 1e3;
 
 /// Where a body is, as last said by anyone.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,6 +47,16 @@ impl BodyPose {
     pub fn driven_m(&self) -> DVec3 {
         self.position_m + self.orientation * self.offset_m
     }
+}
+
+/// Finite, and within what single precision can hold a room at.
+pub(crate) fn is_place(position_m: DVec3) -> bool {
+    position_m.to_array().iter().all(|x| x.abs() <= MAX_DISTANCE_M)
+}
+
+/// Finite, and of something that moves in a room.
+pub(crate) fn is_velocity(velocity_m_s: DVec3) -> bool {
+    velocity_m_s.length() <= MAX_SPEED_M_S
 }
 
 /// What a source says of a body, in the world's frame; what it does not say stays as it was.

@@ -6,7 +6,7 @@
 //! back to the last one that was said, and stays there.
 
 use crate::kalman::{Noise, PLACE, TURN, Tuning, Variances};
-use crate::pose::{BodyPose, Update};
+use crate::pose::{BodyPose, Update, is_place};
 use glam::{DQuat, DVec3};
 use std::time::{Duration, Instant};
 
@@ -219,7 +219,9 @@ impl Predictor {
     pub(crate) fn at(&self, pose: &BodyPose, time: Instant, now: Instant) -> (BodyPose, Option<Duration>) {
         let mut pose = pose.clone();
         if let Some(channel) = &self.position {
-            pose.position_m = channel.at(time, now);
+            // Places that are far from each other tell of velocities that lead out of where anything can be.
+            let there = channel.at(time, now);
+            pose.position_m = if is_place(there) { there } else { channel.said };
         }
         if let Some(channel) = &self.orientation {
             pose.orientation = channel.at(time, now);

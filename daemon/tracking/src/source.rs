@@ -1,10 +1,10 @@
 //! One tracker: who may speak, whom it means, and where its frame lies in the world.
 
-use crate::bodies::{Bodies, is_place};
+use crate::bodies::Bodies;
 use crate::clock::Timekeeper;
 use crate::counters::{Counters, Socket};
 use crate::order::FrameOrder;
-use crate::pose::{Timing, Update};
+use crate::pose::{Timing, Update, is_place, is_velocity};
 use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, Saying, bad};
 use crate::protocols;
 use glam::{DMat3, DMat4, DQuat, DVec3};
@@ -220,7 +220,7 @@ impl Source {
         }
     }
 
-    /// A reading in the world's frame, if it is newer than what is known of its body, and somewhere.
+    /// A reading in the world's frame, if it is newer than what is known of its body, somewhere, and no faster than can be.
     fn checked(&self, reading: &Reading, id: &BodyId) -> Result<Update, Refusal> {
         let last = self.followed.get(id).and_then(|followed| followed.sequence);
         if let (Some(sequence), Some(last)) = (reading.sequence, last)
@@ -231,6 +231,9 @@ impl Source {
         let update = self.to_world(reading);
         if update.position_m.is_some_and(|position_m| !is_place(position_m)) {
             return bad("position beyond 1e8 m");
+        }
+        if update.velocity_m_s.is_some_and(|velocity_m_s| !is_velocity(velocity_m_s)) {
+            return bad("velocity beyond 1e3 m/s");
         }
         Ok(update)
     }
@@ -376,7 +379,7 @@ mod tests {
             change(&mut changed);
             changed.encode()
         };
-        let cases: [(&[u8], &str); 7] = [
+        let cases: [(&[u8], &str); 8] = [
             (b"garbage", "7 bytes"),
             (&[0; 64], "magic"),
             (&nan, "non-finite position"),
@@ -384,6 +387,8 @@ mod tests {
             (&with(|p| p.body_id = 9), "body id 9"),
             (&with(|p| p.body_id = 2), "body `gone`"),
             (&with(|p| p.position_m = Some([0.0, 3e38, 0.0])), "beyond 1e8 m"),
+            // In the world it is a thousandth of that, and still too fast.
+            (&with(|p| p.velocity_m_s = Some([0.0, 1.1e6, 0.0])), "velocity beyond 1e3 m/s"),
         ];
         for (count, (datagram, reason)) in cases.into_iter().enumerate() {
             let status = hear(&mut source, &bodies, datagram);

@@ -1,7 +1,7 @@
 //! Good packets of every protocol, written by hand from the protocols' descriptions, and trackers that hear them.
 
 use glam::{DQuat, DVec3};
-use lantern_config::{Body, Config, Tracker};
+use lantern_config::{Body, Config, Drives, Tracker};
 use lantern_proto::status::TrackerStatus;
 use lantern_tracking::{Bodies, Source};
 use std::net::SocketAddr;
@@ -34,8 +34,13 @@ pub(crate) struct Listener {
 
 impl Listener {
     pub(crate) fn new(keys: &str) -> Self {
-        let body = |name: &str| Body { name: name.into(), drives: None, position_m: [0.0; 3], offset_m: [0.0; 3] };
-        let bodies = Bodies::new(&[body("head"), body("hand")]);
+        let body = |name: &str, drives| Body {
+            name: name.into(),
+            drives: Some(drives),
+            position_m: [0.0; 3],
+            offset_m: [0.0; 3],
+        };
+        let bodies = Bodies::new(&[body("head", Drives::Viewer), body("hand", Drives::Node("hand".into()))]);
         Self { source: Source::new(&tracker(keys)), bodies, now: Instant::now() }
     }
 

@@ -7,10 +7,11 @@
 //! may be missing.
 
 use crate::packets::*;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use lantern_tracking::Bodies;
 use proptest::prelude::*;
 use std::path::Path;
+use std::time::Duration;
 
 /// A protocol: the tracker's keys, and good packets of it, which together move `head`.
 struct Sample {
@@ -82,6 +83,13 @@ fn samples() -> Vec<Sample> {
     ]
 }
 
+impl Sample {
+    /// A tracker that has heard nothing yet, and whose poses are predicted.
+    fn listener(&self) -> Listener {
+        Listener::new(&format!("{}\npredict_ms = 10", self.keys))
+    }
+}
+
 fn lantern_packet(sequence: u32) -> Vec<u8> {
     let position_m = Some([1.0, 2.0, 3.0]);
     let orientation = Some([0.5, -0.5, 0.5, 0.5]);
@@ -89,7 +97,7 @@ fn lantern_packet(sequence: u32) -> Vec<u8> {
 }
 
 /// Where all bodies are: equal only where nothing moved, for a place that cannot be is equal to nothing.
-fn places(bodies: &Bodies) -> Vec<(DVec3, glam::DQuat)> {
+fn places(bodies: &Bodies) -> Vec<(DVec3, DQuat)> {
     ["head", "hand"].map(|body| bodies.get(body).unwrap()).map(|pose| (pose.position_m, pose.orientation)).to_vec()
 }
 
@@ -109,21 +117,32 @@ fn hear(listener: &mut Listener, datagram: &[u8]) -> bool {
     listener.hear(datagram);
     let (now_accepted, now_heard) = count(listener);
     assert_eq!(now_heard, heard + 1, "a datagram was not counted once");
+    for ahead_ms in [0, 20, 1000] {
+        let light = listener.now + Duration::from_millis(ahead_ms);
+        for placed in listener.bodies.placed(light, listener.now) {
+            stands_somewhere(placed.pose.position_m, placed.pose.orientation);
+        }
+    }
     let after = places(&listener.bodies);
     if now_accepted == accepted {
         assert_eq!(before, after, "a datagram that was not accepted moved a body");
     }
     for (position_m, orientation) in &after {
-        assert!(position_m.abs().max_element() <= 1e8, "{position_m}");
-        assert!((orientation.length() - 1.0).abs() < 1e-6, "{orientation}");
+        stands_somewhere(*position_m, *orientation);
     }
     after != before
+}
+
+#[track_caller]
+fn stands_somewhere(position_m: DVec3, orientation: DQuat) {
+    assert!(position_m.to_array().iter().all(|x| x.abs() <= 1e8), "{position_m}");
+    assert!((orientation.length() - 1.0).abs() < 1e-6, "{orientation}");
 }
 
 #[test]
 fn the_samples_are_good() {
     for sample in samples() {
-        let mut listener = Listener::new(sample.keys);
+        let mut listener = sample.listener();
         hear_all(&mut listener, &sample.packets);
         let status = listener.source.status();
         assert_eq!((status.rejected, status.bodies["1"].tracked), (0, true), "{}: {status:?}", sample.keys);
@@ -135,7 +154,7 @@ fn a_packet_cut_short_moves_nothing() {
     for sample in samples() {
         for (at, packet) in sample.packets.iter().enumerate() {
             for length in 0..packet.len() {
-                let mut listener = Listener::new(sample.keys);
+                let mut listener = sample.listener();
                 hear_all(&mut listener, &sample.packets[..at]);
                 let moved = hear(&mut listener, &packet[..length]);
                 let is_whole = (sample.is_whole)(&packet[..length]);
@@ -152,7 +171,7 @@ fn every_flipped_bit_is_refused_or_harmless() {
             for bit in 0..packet.len() * 8 {
                 let mut damaged = packet.clone();
                 damaged[bit / 8] ^= 1 << (bit % 8);
-                let mut listener = Listener::new(sample.keys);
+                let mut listener = sample.listener();
                 hear_all(&mut listener, &sample.packets[..at]);
                 let moved = hear(&mut listener, &damaged);
                 assert!(!moved || !sample.keys.contains("freed"), "bit {bit} of a FreeD packet was not missed");
@@ -161,6 +180,32 @@ fn every_flipped_bit_is_refused_or_harmless() {
             }
         }
     }
+}
+
+/// Neither what a tracker says of velocities nor what its places tell of them leads out of where anything can be.
+#[test]
+fn predictions_stay_where_anything_can_be() {
+    let mut listener = Listener::new("protocol = \"lantern\"\npredict_ms = 10");
+    let packet = |sequence, x, velocity| lantern_proto::PosePacket {
+        body_id: 1,
+        sequence,
+        position_m: Some([x, 0.0, 0.0]),
+        velocity_m_s: Some([velocity, 0.0, 0.0]),
+        ..Default::default()
+    };
+    for (sequence, velocity) in [(1, 1.7e38), (2, 1001.0)] {
+        listener.bad(&packet(sequence, 1.0, velocity).encode(), "velocity beyond 1e3 m/s");
+    }
+    // To and fro, and along the border.
+    for sequence in 3..100 {
+        let x = if sequence % 4 < 2 { 9.9e7 } else { -9.9e7 };
+        hear(&mut listener, &packet(sequence, x, 999.0).encode());
+    }
+    for sequence in 100..200 {
+        let x = 1e8 - 100.0 * (200 - sequence) as f32;
+        hear(&mut listener, &packet(sequence, x, 999.0).encode());
+    }
+    assert_eq!(listener.source.status().accepted, 197);
 }
 
 /// What is told of datagrams is told in a line of 1 MiB, together with all the rest, whatever words stand in them.
@@ -197,7 +242,7 @@ fn lengths_may_lie() {
                     let mut damaged = packet.clone();
                     let end = (start + lie.len()).min(packet.len());
                     damaged[start..end].copy_from_slice(&lie[..end - start]);
-                    let mut listener = Listener::new(sample.keys);
+                    let mut listener = sample.listener();
                     hear_all(&mut listener, &sample.packets[..at]);
                     hear(&mut listener, &damaged);
                 }
@@ -246,7 +291,7 @@ fn the_stored_corpus_is_harmless() {
         for entry in std::fs::read_dir(&folder).unwrap() {
             let data = std::fs::read(entry.unwrap().path()).unwrap();
             let mut rest = if choice.is_some() { data.get(1..).unwrap_or_default() } else { &data[..] };
-            let mut listener = Listener::new(sample.keys);
+            let mut listener = sample.listener();
             while let [low, high, after @ ..] = rest {
                 let (datagram, after) = after.split_at(after.len().min(usize::from(u16::from_le_bytes([*low, *high]))));
                 hear(&mut listener, datagram);
@@ -268,7 +313,7 @@ proptest! {
         noise in prop::collection::vec(any::<u8>(), 0..300),
     ) {
         let sample = &samples()[choice];
-        let mut listener = Listener::new(sample.keys);
+        let mut listener = sample.listener();
         for (which, changes, cut, is_cut) in &datagrams {
             let mut packet = which.get(&sample.packets).clone();
             for (place, byte) in changes {
