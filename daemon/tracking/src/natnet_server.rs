@@ -6,7 +6,7 @@
 //! Who asks for no server by name is given the version by whoever sends frames, if that is an allowed sender.
 
 use crate::bytes::Bytes;
-use crate::protocol::{Refusal, Saying, bad};
+use crate::protocol::{Refusal, Saying, bad, canonical};
 use lantern_config::NatnetVersion;
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
@@ -28,7 +28,7 @@ const SILENCE: Duration = Duration::from_secs(3);
 /// Who is asked, and what is known.
 #[derive(Debug)]
 pub(crate) struct Conversation {
-    /// As configured.
+    /// As configured; an IPv4 address as such, which is how senders are told.
     server: Option<SocketAddr>,
     /// Whether it streams to us alone, and wants to be told that we are here.
     is_kept_alive: bool,
@@ -46,7 +46,7 @@ pub(crate) struct Conversation {
 impl Conversation {
     pub(crate) fn new(settings: &lantern_config::Natnet, is_multicast: bool) -> Self {
         Self {
-            server: settings.server,
+            server: settings.server.map(canonical),
             is_kept_alive: !is_multicast,
             configured: settings.version,
             answered: None,
@@ -95,8 +95,11 @@ impl Conversation {
 
     /// Who is asked: the configured server, or the command port of whoever sends frames.
     fn asked(&self) -> Option<SocketAddr> {
-        let sender = || self.sender.map(|sender| SocketAddr::new(sender.ip().to_canonical(), COMMAND_PORT));
-        self.server.or_else(sender)
+        let command_port = |mut sender: SocketAddr| {
+            sender.set_port(COMMAND_PORT);
+            sender
+        };
+        self.server.or_else(|| self.sender.map(command_port))
     }
 
     /// What is to be said now.

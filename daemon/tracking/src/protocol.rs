@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use std::fmt;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
 
 /// How far a quaternion's norm may be from 1.
@@ -116,6 +116,15 @@ pub(crate) trait Protocol: Send {
     /// What is to be sent now, if anything; asked twice a second.
     fn say(&mut self, _now: Instant) -> Vec<Saying> {
         Vec::new()
+    }
+}
+
+/// An IPv4 address written as such, also where a socket of both families has it within IPv6.
+pub(crate) fn canonical(address: SocketAddr) -> SocketAddr {
+    match address.ip().to_canonical() {
+        ip @ IpAddr::V4(_) => SocketAddr::new(ip, address.port()),
+        // Its scope belongs to it.
+        IpAddr::V6(_) => address,
     }
 }
 

@@ -5,7 +5,7 @@ use crate::clock::Timekeeper;
 use crate::counters::{Counters, Socket};
 use crate::order::FrameOrder;
 use crate::pose::{Timing, Update, is_place, is_velocity};
-use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, Saying, bad};
+use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, Saying, bad, canonical};
 use crate::protocols;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use lantern_config::Tracker;
@@ -133,7 +133,8 @@ impl Source {
     /// that it speaks of because of what it says of others.
     pub fn hear(&mut self, datagram: &[u8], from: SocketAddr, bodies: &Bodies, received: Instant) {
         // An IPv4 sender to an IPv6 socket is still the IPv4 address that people write.
-        let address = from.ip().to_canonical();
+        let from = canonical(from);
+        let address = from.ip();
         if !self.allow.contains(&address) {
             return self.counters.reject(format!("from {address}, which `allow` does not have"));
         }

@@ -102,6 +102,33 @@ fn strangers_are_not_heard() {
 }
 
 #[test]
+fn a_socket_of_both_families_hears_its_natnet_server() {
+    let (runtime, bodies) = (runtime(), bodies());
+    let server = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let settings = lantern_config::Natnet { version: None, server: Some(server.local_addr().unwrap()) };
+    let tracker = Tracker { protocol: Protocol::Natnet(settings), ..tracker("t", "[::]:0") };
+    let trackers = Trackers::start(runtime.handle().clone(), &[tracker], bodies).unwrap();
+
+    server.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    let mut buffer = [0; 64];
+    let (length, from) = server.recv_from(&mut buffer).unwrap();
+    assert_eq!(buffer[..length], [0, 0, 0, 0], "it is not asked for its version");
+    // A name of 256 bytes, the server's version, and the stream's: 4.1.
+    let answer = [&[1, 0, 8, 1][..], &[0; 256], &[3, 1, 2, 1], &[4, 1, 0, 0]].concat();
+    server.send_to(&answer, from).unwrap();
+    let deadline = Instant::now() + Duration::from_secs(10);
+    loop {
+        let status = trackers.status()["t"].clone();
+        if status.others.packets == 1 {
+            assert_eq!((status.rejected, status.last_reject), (0, None));
+            return;
+        }
+        assert!(Instant::now() < deadline, "only {status:?} after 10 s");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+#[test]
 fn a_taken_port_is_refused_and_changes_nothing() {
     let (runtime, bodies) = (runtime(), bodies());
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();

@@ -267,6 +267,15 @@ fn natnet_learns_its_version_from_the_server() {
     assert_eq!((status.rejected, status.others.packets), (rejected, 1));
     listener.good(&frame);
     listener.bad(&natnet((4, 1), 2, 1.0, &[head]), "read as NatNet 4.0");
+
+    // A socket that hears both families hears an IPv4 server so, whether it was named or found by its frames.
+    for keys in [keys, "protocol = \"natnet\""] {
+        let mut listener = Listener::new(&format!("{keys}\nlisten = \"[::]:1511\""));
+        listener.hear_from(&frame, "[::ffff:127.0.0.1]:1511");
+        listener.hear_from(&natnet_answer([4, 0]), "[::ffff:127.0.0.1]:1510");
+        let status = listener.hear_from(&frame, "[::ffff:127.0.0.1]:1511");
+        assert_eq!((status.others.packets, status.accepted), (1, 1), "{keys}: {status:?}");
+    }
 }
 
 /// The pose that Unity shows as position (1, 2, 3), turned by 30° about y, to the right: in its left-handed numbers.
