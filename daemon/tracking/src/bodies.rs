@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Called after a body has changed, on the thread that changed it; it must not wait for anything.
+/// Called after a body that drives something, or the configuration, has changed, on the thread that changed it; it must not wait for anything.
 type Waker = Arc<dyn Fn() + Send + Sync>;
 
 /// Called with every pose that differs from the one before, after the waker and under the same terms.
@@ -106,10 +106,10 @@ impl Bodies {
         let mut old = std::mem::take(&mut *entries);
         *entries = bodies.iter().map(|body| (body.name.clone(), entry(body, old.remove(&body.name), now))).collect();
         drop(entries);
-        self.changed();
+        self.changed(true);
     }
 
-    /// Calls `waker` after every change from now on, instead of the one before.
+    /// Calls `waker` after every change of what bodies drive from now on, instead of the one before.
     pub fn set_waker(&self, waker: Waker) {
         *self.waker.lock().unwrap_or_else(PoisonError::into_inner) = Some(waker);
     }
@@ -205,11 +205,13 @@ impl Bodies {
         // Whoever shows a body that moves by itself is awake as long as it did before, and has to hear if it goes on.
         let goes_on = entry.moves_until().is_some() && moved_until.is_none_or(|until| until <= received);
         let pose = (!same).then(|| entry.pose.clone());
+        let is_driven = entry.drives.is_some();
         drop(entries);
 
-        // A tracker that says the same again, of a body at rest, wakes nobody: nothing has to be rendered anew.
+        // A tracker that says the same again, of a body at rest, wakes nobody, nor does a body that drives nothing: nothing has to
+        // be rendered anew.
         if !same || goes_on {
-            self.changed();
+            self.changed(is_driven);
         }
         let listener = self.listener.lock().unwrap_or_else(PoisonError::into_inner).clone();
         if let (Some(pose), Some(listener)) = (pose, listener) {
@@ -234,10 +236,11 @@ impl Bodies {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn changed(&self) {
+    /// Counts a change, and wakes whoever renders where that has to be shown.
+    fn changed(&self, is_shown: bool) {
         self.generation.fetch_add(1, Ordering::AcqRel);
         let waker = self.waker.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if let Some(waker) = waker {
+        if let Some(waker) = waker.filter(|_| is_shown) {
             waker();
         }
     }
@@ -338,6 +341,26 @@ mod tests {
         assert_eq!((woken.load(Ordering::SeqCst), bodies.generation()), (1, start + 1));
         bodies.set_pose("car", DVec3::X, None, "socket").unwrap();
         assert_eq!((woken.load(Ordering::SeqCst), bodies.generation()), (2, start + 2));
+    }
+
+    #[test]
+    fn bodies_that_drive_nothing_wake_nobody() {
+        let bodies = Bodies::new(&[body("head", Some(Drives::Viewer)), body("wand", None)]);
+        let (woken, told) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
+        let (wakes, tells) = (woken.clone(), told.clone());
+        bodies.set_waker(Arc::new(move || {
+            wakes.fetch_add(1, Ordering::SeqCst);
+        }));
+        bodies.set_listener(Arc::new(move |_, _| {
+            tells.fetch_add(1, Ordering::SeqCst);
+        }));
+        let start = bodies.generation();
+        bodies.set_pose("wand", DVec3::X, None, "socket").unwrap();
+        // No frame is rendered for it; its pose is new all the same, and told.
+        let counts = || (woken.load(Ordering::SeqCst), told.load(Ordering::SeqCst), bodies.generation() - start);
+        assert_eq!(counts(), (0, 1, 1));
+        bodies.set_pose("head", DVec3::X, None, "socket").unwrap();
+        assert_eq!(counts(), (1, 2, 2));
     }
 
     #[test]
