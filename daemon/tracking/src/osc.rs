@@ -9,7 +9,8 @@
 //! | | `/rigidbody/⟨id⟩/tracked`; `/rb` | 0 or 1; id, 0, 0 or 1 |
 //!
 //! The first two have Unity's axes, the third OptiTrack's, which are ours. OSC has no numbers of packets and no checksum.
-//! What one datagram says of a body in several messages is one reading.
+//! What one datagram says of a body in several messages is one reading. A body that is said to be lost (`tracked` 0) is so until it is
+//! said to be tracked: OptiTrack's bridges go on sending its last pose.
 
 use crate::axes::Axes;
 use crate::osc_packet::{Message, messages};
@@ -17,28 +18,56 @@ use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, bad, finite, ns
 use glam::{DQuat, DVec3, DVec4};
 use lantern_config::{OscArgument, OscPattern};
 use rosc::OscType;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 
 /// Reads messages.
 pub(crate) struct Osc {
     /// Whose messages.
-    pub(crate) kind: lantern_config::Osc,
+    kind: lantern_config::Osc,
+    /// The bodies that the configuration has; of no others anything is remembered.
+    wanted: BTreeSet<BodyId>,
+    /// Those of `wanted` that were said to be lost, and not since to be tracked: poses that are told of them are none.
+    lost: BTreeSet<BodyId>,
+}
+
+impl Osc {
+    /// `ids` are those that the configuration has.
+    pub(crate) fn new<'a>(kind: lantern_config::Osc, ids: impl Iterator<Item = &'a String>) -> Self {
+        Self { kind, wanted: ids.map(|id| BodyId::parse(id)).collect(), lost: BTreeSet::new() }
+    }
+
+    /// Takes what a datagram says of whether bodies are tracked, wherever in it, and voids the poses of those that are lost.
+    fn tell_lost(&mut self, tracked: BTreeMap<BodyId, bool>, readings: &mut [Reading]) {
+        for (body, is_tracked) in tracked {
+            if is_tracked {
+                self.lost.remove(&body);
+            } else if self.wanted.contains(&body) {
+                self.lost.insert(body);
+            }
+        }
+        for reading in readings.iter_mut().filter(|reading| self.lost.contains(&reading.body)) {
+            (reading.position_m, reading.orientation) = (None, None);
+        }
+    }
 }
 
 impl Protocol for Osc {
     fn read(&mut self, datagram: &[u8], _from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal> {
         let messages = messages(datagram)?;
+        let mut tracked = BTreeMap::new();
         for message in &messages {
             let reading = match &self.kind {
                 lantern_config::Osc::Vmc => vmc(message)?,
                 lantern_config::Osc::Vrchat => vrchat(message)?,
-                lantern_config::Osc::Optitrack => optitrack(message)?,
+                lantern_config::Osc::Optitrack => optitrack(message, &mut tracked)?,
                 lantern_config::Osc::Free(pattern) => free(message, pattern)?,
             };
             let Some(mut reading) = reading else { continue };
             reading.measured_ns = reading.measured_ns.or(message.time_ns);
             merge(&mut heard.readings, reading);
         }
+        self.tell_lost(tracked, &mut heard.readings);
         match (heard.readings.is_empty(), messages.first()) {
             (false, _) => Ok(()),
             (true, Some(first)) => Err(Refusal::Other(format!("message {}", first.message.addr))),
@@ -88,10 +117,14 @@ fn vrchat(message: &Message) -> Result<Option<Reading>, Refusal> {
     }
 }
 
-fn optitrack(message: &Message) -> Result<Option<Reading>, Refusal> {
+/// What is said of whether a body is tracked goes into `tracked`.
+fn optitrack(message: &Message, tracked: &mut BTreeMap<BodyId, bool>) -> Result<Option<Reading>, Refusal> {
     let (address, arguments) = (&message.message.addr, message.message.args.as_slice());
     // Of a body that is not tracked the bridges say so, and its last pose as well, which is none then.
-    let said_lost = |flag: f64, body: BodyId| (flag == 0.0).then(|| Reading::of(body));
+    let mut said_lost = |flag: f64, body: BodyId| {
+        tracked.insert(body.clone(), flag != 0.0);
+        (flag == 0.0).then(|| Reading::of(body))
+    };
     if let Some(path) = address.strip_prefix("/rigidbody/") {
         let Some((id, what)) = path.split_once('/') else { return Ok(None) };
         let body = BodyId::parse(id);

@@ -14,7 +14,7 @@ use lantern_config::Tracker;
 pub(crate) fn new(tracker: &Tracker) -> Box<dyn Protocol> {
     match &tracker.protocol {
         lantern_config::Protocol::Lantern => Box::new(Lantern),
-        lantern_config::Protocol::Osc(kind) => Box::new(Osc { kind: kind.clone() }),
+        lantern_config::Protocol::Osc(kind) => Box::new(Osc::new(kind.clone(), tracker.bodies.keys())),
         lantern_config::Protocol::Natnet(settings) => {
             Box::new(Natnet::new(settings, tracker.listen.ip().is_multicast()))
         }

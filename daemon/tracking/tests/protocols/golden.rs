@@ -372,6 +372,25 @@ fn osc_of_optitracks_bridges() {
     assert_eq!(listener.hear(&rb(0, &[1.0])).others.packets, 1);
     assert!(!listener.good(&osc("/rigidbody/1/tracked", None, &[0.0])).bodies["1"].tracked);
     listener.bad(&rb(2, &[7.5, 1.1]), "8 numbers");
+
+    // The bridges go on sending the last pose of a body that is lost: it is none until they say that it is tracked again,
+    // whatever stands first in a datagram.
+    let transformation = |x: f32| osc("/rigidbody/1/transformation", None, &[&[x], &numbers[1..]].concat());
+    let tracked = |flag: f32| osc("/rigidbody/1/tracked", None, &[flag]);
+    assert!(!listener.good(&transformation(5.0)).bodies["1"].tracked);
+    assert!((listener.pose("head").0.x - 1.1).abs() < 1e-6);
+    assert!(!listener.good(&osc_bundle(1, &[tracked(0.0), transformation(5.0)])).bodies["1"].tracked);
+    assert!(!listener.good(&rb(2, &[7.5, 5.0, 0.2, 0.3, 0.0, half, 0.0, half])).bodies["1"].tracked);
+    assert!((listener.pose("head").0.x - 1.1).abs() < 1e-6);
+    // Either of the two forms says so, and what is broken says nothing.
+    listener.bad(&osc_bundle(1, &[tracked(1.0), osc("/rigidbody/1/transformation", None, &[])]), "7 numbers");
+    assert!(!listener.good(&transformation(5.0)).bodies["1"].tracked);
+    assert!(listener.good(&osc_bundle(1, &[transformation(2.0), tracked(1.0)])).bodies["1"].tracked);
+    assert!(!listener.good(&osc_bundle(1, &[transformation(3.0), tracked(0.0)])).bodies["1"].tracked);
+    assert_eq!(listener.pose("head").0.x, 2.0);
+    listener.hear(&rb(0, &[1.0]));
+    assert!(listener.good(&transformation(4.0)).bodies["1"].tracked);
+    assert_eq!(listener.pose("head").0.x, 4.0);
     listener.bad(&osc("/rb", None, &[]), "without an id");
 }
 
