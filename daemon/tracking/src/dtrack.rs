@@ -18,6 +18,7 @@ use glam::{DMat3, DQuat, DVec3};
 use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
+use std::time::Instant;
 
 /// No room holds more; what claims to is no DTRACK.
 const MAX_BODIES: usize = 1000;
@@ -133,7 +134,7 @@ impl Dtrack {
 }
 
 impl Protocol for Dtrack {
-    fn read(&mut self, datagram: &[u8], _from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal> {
+    fn read(&mut self, datagram: &[u8], _from: SocketAddr, _at: Instant, heard: &mut Heard) -> Result<(), Refusal> {
         let Ok(text) = std::str::from_utf8(datagram) else { return bad("not ASCII") };
         if !text.is_ascii() {
             return bad("not ASCII");

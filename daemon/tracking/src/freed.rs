@@ -15,6 +15,7 @@ use crate::axes::Axes;
 use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, bad};
 use glam::{DQuat, DVec3};
 use std::net::SocketAddr;
+use std::time::Instant;
 
 const BYTES: usize = 29;
 const TYPE_D1: u8 = 0xd1;
@@ -23,7 +24,7 @@ const TYPE_D1: u8 = 0xd1;
 pub(crate) struct Freed;
 
 impl Protocol for Freed {
-    fn read(&mut self, datagram: &[u8], _from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal> {
+    fn read(&mut self, datagram: &[u8], _from: SocketAddr, _at: Instant, heard: &mut Heard) -> Result<(), Refusal> {
         let Ok(bytes) = <&[u8; BYTES]>::try_from(datagram) else {
             return bad(format!("{} bytes instead of {BYTES}", datagram.len()));
         };

@@ -4,12 +4,13 @@ use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal};
 use glam::{DQuat, Quat, Vec3};
 use lantern_proto::PosePacket;
 use std::net::SocketAddr;
+use std::time::Instant;
 
 /// Reads [`PosePacket`]s.
 pub(crate) struct Lantern;
 
 impl Protocol for Lantern {
-    fn read(&mut self, datagram: &[u8], _from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal> {
+    fn read(&mut self, datagram: &[u8], _from: SocketAddr, _at: Instant, heard: &mut Heard) -> Result<(), Refusal> {
         let packet = PosePacket::decode(datagram).map_err(|error| Refusal::Bad(error.to_string()))?;
         let vector = |v: [f32; 3]| Vec3::from_array(v).as_dvec3();
         heard.readings.push(Reading {

@@ -37,7 +37,7 @@ impl Natnet {
 }
 
 impl Protocol for Natnet {
-    fn read(&mut self, datagram: &[u8], from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal> {
+    fn read(&mut self, datagram: &[u8], from: SocketAddr, _at: Instant, heard: &mut Heard) -> Result<(), Refusal> {
         let mut bytes = Bytes::new(datagram);
         let (id, size) = (bytes.u16("the header")?, bytes.u16("the header")?);
         if usize::from(size) != bytes.len() {

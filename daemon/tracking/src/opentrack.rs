@@ -10,6 +10,7 @@
 use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, bad};
 use glam::{DQuat, DVec3};
 use std::net::SocketAddr;
+use std::time::Instant;
 
 const BYTES: usize = 48;
 
@@ -19,7 +20,7 @@ pub(crate) struct Opentrack {
 }
 
 impl Protocol for Opentrack {
-    fn read(&mut self, datagram: &[u8], _from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal> {
+    fn read(&mut self, datagram: &[u8], _from: SocketAddr, _at: Instant, heard: &mut Heard) -> Result<(), Refusal> {
         let Ok(bytes) = <&[u8; BYTES]>::try_from(datagram) else {
             return bad(format!("{} bytes instead of {BYTES}", datagram.len()));
         };

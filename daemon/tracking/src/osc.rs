@@ -20,6 +20,7 @@ use lantern_config::{OscArgument, OscPattern};
 use rosc::OscType;
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
+use std::time::Instant;
 
 /// Reads messages.
 pub(crate) struct Osc {
@@ -53,7 +54,7 @@ impl Osc {
 }
 
 impl Protocol for Osc {
-    fn read(&mut self, datagram: &[u8], _from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal> {
+    fn read(&mut self, datagram: &[u8], _from: SocketAddr, _at: Instant, heard: &mut Heard) -> Result<(), Refusal> {
         let messages = messages(datagram)?;
         let mut tracked = BTreeMap::new();
         for message in &messages {

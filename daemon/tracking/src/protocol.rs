@@ -106,12 +106,12 @@ pub(crate) struct Saying {
 
 /// One protocol.
 pub(crate) trait Protocol: Send {
-    /// Reads a datagram from an allowed sender, and puts what it says into `heard`, which is empty. What is there after
+    /// Reads a datagram from an allowed sender, received `at` a time, and puts what it says into `heard`, which is empty. What is there after
     /// an error does not count.
     ///
     /// # Errors
     /// Why it moves nothing, in words.
-    fn read(&mut self, datagram: &[u8], from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal>;
+    fn read(&mut self, datagram: &[u8], from: SocketAddr, at: Instant, heard: &mut Heard) -> Result<(), Refusal>;
 
     /// What is to be sent now, if anything; asked twice a second.
     fn say(&mut self, _now: Instant) -> Vec<Saying> {

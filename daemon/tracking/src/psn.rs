@@ -25,12 +25,16 @@ use crate::protocol::{BodyId, Heard, Protocol, Reading, Refusal, bad, finite};
 use glam::DQuat;
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
+use std::time::{Duration, Instant};
 
 const DATA: u16 = 0x6755;
 const INFO: u16 = 0x6756;
 
 /// Servers whose frames and names are kept; of more, those that have been silent for longest are forgotten.
 const MAX_SERVERS: usize = 8;
+/// A server that has been silent for so long has gone: trackers are not seen by it. What it called them is kept, for it may be
+/// heard again before it says that anew.
+const SILENCE: Duration = Duration::from_secs(3);
 /// Trackers of one frame. The largest that could be meant, 255 packets of 1500 bytes, has fewer with positions.
 const MAX_TRACKERS: usize = 16_384;
 /// A frame at most this much older than the newest is one that comes late; older still is a server that started anew.
@@ -44,8 +48,9 @@ pub(crate) struct Psn {
 }
 
 /// What is known of a server.
-#[derive(Default)]
 struct Server {
+    /// When anything came from it last.
+    heard: Instant,
     /// The trackers' ids of the names that are wanted.
     names: BTreeMap<String, u16>,
     newest_us: Option<u64>,
@@ -76,20 +81,28 @@ impl Psn {
     }
 
     /// What is known of the server at an address; it is the newest of them from now on.
-    fn server(&mut self, from: SocketAddr) -> &mut Server {
+    fn server(&mut self, from: SocketAddr, received: Instant) -> &mut Server {
         let at = self.servers.iter().position(|(address, _)| *address == from);
         let server = match at {
             Some(at) => self.servers.remove(at),
-            None => (from, Server::default()),
+            None => (from, Server { heard: received, names: BTreeMap::new(), newest_us: None, frame: None }),
         };
         self.servers.insert(0, server);
         self.servers.truncate(MAX_SERVERS);
-        &mut self.servers[0].1
+        let server = &mut self.servers[0].1;
+        server.heard = received;
+        server
+    }
+
+    /// Whether, by now, there is one server at most: then nobody sees what it does not.
+    fn is_alone(&self, now: Instant) -> bool {
+        let is_there = |server: &Server| now.saturating_duration_since(server.heard) < SILENCE;
+        self.servers.iter().filter(|(_, server)| is_there(server)).count() <= 1
     }
 }
 
 impl Protocol for Psn {
-    fn read(&mut self, datagram: &[u8], from: SocketAddr, heard: &mut Heard) -> Result<(), Refusal> {
+    fn read(&mut self, datagram: &[u8], from: SocketAddr, at: Instant, heard: &mut Heard) -> Result<(), Refusal> {
         let mut bytes = Bytes::new(datagram);
         let root = Chunk::read(&mut bytes)?;
         if !bytes.is_empty() {
@@ -98,16 +111,20 @@ impl Protocol for Psn {
         match root.id {
             DATA => {
                 let (header, trackers) = data(root)?;
-                self.server(from).gather(header, trackers, heard)?;
+                self.server(from, at).gather(header, trackers, heard)?;
                 // What one server does not see, another may.
-                heard.is_everything &= self.servers.len() == 1;
+                heard.is_everything &= self.is_alone(at);
                 Ok(())
             }
             INFO => {
-                let mut names = info(root)?;
-                names.retain(|name, _| self.wanted.contains(name));
-                // The names of a frame may come in several packets, so what is known stays known.
-                self.server(from).names.extend(names);
+                let names = info(root)?;
+                // The names of a frame may come in several packets, so what is known stays known, but for the trackers that have
+                // another name now.
+                let named: BTreeSet<u16> = names.iter().map(|(_, id)| *id).collect();
+                let wanted: Vec<_> = names.into_iter().filter(|(name, _)| self.wanted.contains(name)).collect();
+                let server = self.server(from, at);
+                server.names.retain(|_, id| !named.contains(id));
+                server.names.extend(wanted);
                 Err(Refusal::Other("names of trackers".to_owned()))
             }
             id => bad(format!("chunk {id:#06x} is neither data nor info")),
@@ -260,9 +277,9 @@ fn tracker(chunk: Chunk<'_>) -> Result<Reading, Refusal> {
     Ok(reading)
 }
 
-/// Trackers' ids, by name.
-fn info(root: Chunk<'_>) -> Result<BTreeMap<String, u16>, Refusal> {
-    let mut names = BTreeMap::new();
+/// Names of trackers, and their ids.
+fn info(root: Chunk<'_>) -> Result<Vec<(String, u16)>, Refusal> {
+    let mut names = Vec::new();
     for chunk in root.chunks()? {
         match chunk.id {
             0 => drop(header(chunk)?),
@@ -271,7 +288,7 @@ fn info(root: Chunk<'_>) -> Result<BTreeMap<String, u16>, Refusal> {
                     let id = tracker.id;
                     for mut field in tracker.chunks()?.into_iter().filter(|field| field.id == 0) {
                         let name = field.bytes.take(field.bytes.len(), "a name")?;
-                        names.insert(String::from_utf8_lossy(name).into_owned(), id);
+                        names.push((String::from_utf8_lossy(name).into_owned(), id));
                     }
                 }
             }

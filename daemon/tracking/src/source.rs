@@ -140,7 +140,7 @@ impl Source {
         }
         let mut heard = std::mem::take(&mut self.heard);
         heard.clear();
-        let read = self.protocol.read(datagram, from, &mut heard);
+        let read = self.protocol.read(datagram, from, received, &mut heard);
         match read.and_then(|()| self.take(&heard, bodies, received)) {
             Ok(()) => self.counters.accept(received),
             Err(refusal) => self.counters.refuse(refusal),

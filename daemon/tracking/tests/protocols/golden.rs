@@ -206,6 +206,42 @@ fn psn_gathers_frames_and_knows_names() {
 }
 
 #[test]
+fn psn_servers_come_and_go() {
+    let mut listener = Listener::new("protocol = \"psn\"\nbodies = { \"3\" = \"head\", \"8\" = \"hand\" }");
+    let place = |x: f32| vector(0, [x, 2.0, 3.0]);
+    let other = "127.0.0.1:5001";
+    listener.good(&psn(psn_header(1000, 1, 1), &[(3, place(1.0))]));
+    listener.hear_from(&psn(psn_header(900_000, 1, 1), &[(8, place(2.0))]), other);
+    // What one does not see the other may.
+    let status = listener.good(&psn(psn_header(2000, 2, 1), &[]));
+    assert!(status.bodies.values().all(|body| body.tracked), "{status:?}");
+    // The other has gone: what this one does not see nobody does.
+    listener.now += std::time::Duration::from_secs(5);
+    let status = listener.good(&psn(psn_header(5_002_000, 3, 1), &[(3, place(3.0))]));
+    assert_eq!(status.bodies.values().map(|body| body.tracked).collect::<Vec<_>>(), [true, false]);
+    // It is back, and counts as before.
+    listener.hear_from(&psn(psn_header(6_000_000, 2, 1), &[(8, place(2.0))]), other);
+    let status = listener.good(&psn(psn_header(5_012_000, 4, 1), &[]));
+    assert!(status.bodies.values().all(|body| body.tracked), "{status:?}");
+}
+
+#[test]
+fn psn_names_move_to_other_trackers() {
+    let mut listener = Listener::new("protocol = \"psn\"\nbodies = { \"3\" = \"head\", \"Singer 1\" = \"hand\" }");
+    let frame = |time_us: u64, x: f32| psn(psn_header(time_us, 1, 1), &[(3, vector(0, [x, 2.0, 3.0]))]);
+    listener.hear(&psn_names(&[(3, "Singer 1")]));
+    listener.good(&frame(1000, 1.0));
+    // The names of a frame may come in several packets: what is not in this one stays.
+    listener.hear(&psn_names(&[(4, "Bass")]));
+    listener.good(&frame(2000, 2.0));
+    assert_eq!((listener.pose("head").0.x, listener.pose("hand").0.x), (0.0, 2.0));
+    // Tracker 3 is called otherwise from now on, by a name that nobody asked for.
+    listener.hear(&psn_names(&[(3, "Bass")]));
+    listener.good(&frame(3000, 3.0));
+    assert_eq!((listener.pose("head").0.x, listener.pose("hand").0.x), (3.0, 2.0));
+}
+
+#[test]
 fn natnet_frames_of_every_version() {
     for (version, name) in [((3, 0), "3.0"), ((3, 1), "3.1"), ((4, 0), "4.0"), ((4, 1), "4.1")] {
         let keys =
