@@ -67,7 +67,9 @@ pub struct Placed {
     pub drives: Drives,
     /// Position and orientation as predicted, where they are; everything else is of the pose that was said last.
     pub pose: BodyPose,
-    /// How far ahead of what was said last that is; `None` where nothing is predicted.
+    /// How far ahead of what was last measured that is. Of a body at rest that its tracker goes on seeing as well: that it stays
+    /// is a prediction, though the pose is the said one. `None` where nothing is predicted, and of a body that has been silent for
+    /// so long that its prediction has faded: it is shown as of then.
     pub ahead: Option<Duration>,
 }
 
@@ -388,7 +390,9 @@ mod tests {
         assert!((placed.pose.position_m.x - 1.045).abs() < 4e-3, "{placed:?}");
         assert_eq!(placed.ahead, Some(Duration::from_millis(55)));
         assert!(bodies.are_moving(at(2100)) && !bodies.are_moving(at(3000)));
-        assert_eq!(head(3000).pose.position_m.x, 0.99);
+        // Silent for longer than predictions fade, it is shown where it was said to be: as of then, and not ahead.
+        assert_eq!((head(3000).pose.position_m.x, head(3000).ahead), (0.99, None));
+        assert!(head(1990 + 499).ahead.is_some() && head(1990 + 500).ahead.is_none());
 
         // It is heard again where it was: nobody is woken, then or later.
         let before = bodies.generation();
@@ -396,6 +400,8 @@ mod tests {
             assert_eq!(say(0.99, ms, Some(Duration::ZERO)), before);
         }
         assert!(!bodies.are_moving(at(3021)));
+        // That it rests is a prediction as well.
+        assert!(head(3021).ahead.is_some());
         // The socket's word is taken as it is.
         say(2.0, 3030, Some(Duration::ZERO));
         say(3.0, 3040, Some(Duration::ZERO));

@@ -167,11 +167,11 @@ impl<T: Place> Channel<T> {
 
     /// At a time, as seen from now.
     fn at(&self, time: Instant, now: Instant) -> T {
-        let silence = now.saturating_duration_since(self.stamp.received).saturating_sub(SILENT_AFTER);
+        let silence = self.silence(now);
         if self.rests() || silence >= FADE {
             return self.said;
         }
-        let there = self.place.plus(self.velocity * (self.believed * self.ahead(time).as_secs_f64()));
+        let there = self.place.plus(self.velocity * (self.believed * self.since_measured(time).as_secs_f64()));
         if silence.is_zero() {
             return there;
         }
@@ -180,8 +180,18 @@ impl<T: Place> Channel<T> {
         self.said.plus(there.minus(self.said) * (left * left * (3.0 - 2.0 * left)))
     }
 
+    /// For how much longer than trackers may be it has been silent, by now.
+    fn silence(&self, now: Instant) -> Duration {
+        now.saturating_duration_since(self.stamp.received).saturating_sub(SILENT_AFTER)
+    }
+
+    /// How far ahead of its measurement it is shown at a time; `None` where, by now, it has gone back to that.
+    fn ahead(&self, time: Instant, now: Instant) -> Option<Duration> {
+        (self.silence(now) < FADE).then(|| self.since_measured(time))
+    }
+
     /// How far a time is ahead of the last measurement, as far as that is predicted.
-    fn ahead(&self, time: Instant) -> Duration {
+    fn since_measured(&self, time: Instant) -> Duration {
         time.saturating_duration_since(self.stamp.measured).min(FARTHEST)
     }
 
@@ -216,6 +226,8 @@ impl Predictor {
     }
 
     /// The pose at a time, as far as it is known now, and how far ahead of its measurement; `pose` is the last one that was said.
+    /// A body at rest is as far ahead as any other, since it is expected to stay; one that has been silent until its prediction
+    /// has faded is not ahead.
     pub(crate) fn at(&self, pose: &BodyPose, time: Instant, now: Instant) -> (BodyPose, Option<Duration>) {
         let mut pose = pose.clone();
         if let Some(channel) = &self.position {
@@ -226,8 +238,8 @@ impl Predictor {
         if let Some(channel) = &self.orientation {
             pose.orientation = channel.at(time, now);
         }
-        let position = self.position.as_ref().map(|channel| channel.ahead(time));
-        (pose, position.max(self.orientation.as_ref().map(|channel| channel.ahead(time))))
+        let position = self.position.as_ref().and_then(|channel| channel.ahead(time, now));
+        (pose, position.max(self.orientation.as_ref().and_then(|channel| channel.ahead(time, now))))
     }
 
     /// Until when the pose changes, if nothing more is heard; `None` of a body at rest.
