@@ -72,6 +72,19 @@ fn check_says_where_the_projectors_of_files_stand() {
     assert!(!stderr.contains(":0:"), "{stderr}");
 }
 
+/// What is suspicious is told with its place, as what is wrong is.
+#[test]
+fn check_says_where_something_suspicious_stands() {
+    let beside = "convention = \"opengl\"\nprojection = [[1.5, 0, 0, 0], [0, 2.4, 0, 0], [0, 0, -1.02, -0.2], [0, 0, -1, 0]]\n\
+                  view = [[1, 0, 0, -50], [0, 1, 0, 0], [0, 0, 1, -3], [0, 0, 0, 1]]";
+    let config = room([96, 64], beside);
+    let line = config.lines().position(|line| line == "[projector.calibration]").unwrap() + 1;
+    let (code, text, stderr) = check(&config);
+    assert_eq!(code, Some(0), "{stderr}");
+    let warning = text.lines().find(|line| line.contains("nothing in view")).unwrap();
+    assert!(warning.contains(&format!(".toml:{line}:")), "{warning} is not of line {line}");
+}
+
 #[test]
 fn check_says_where_the_projectors_of_real_files_stand() {
     let shared = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/calibrations"));

@@ -6,7 +6,7 @@ use glam::DVec2;
 use lantern_calibration::Frustum;
 use lantern_calibration::describe::Description;
 use lantern_calibration::doctor::{Ailment, Finding, nothing_in_view};
-use lantern_config::Drives;
+use lantern_config::{Drives, Problem};
 use lantern_render::ProjectorSpec;
 use lantern_scene::pack::{ROLE_MASK, ROLE_PROP};
 use lantern_scene::{Role, Scene};
@@ -138,7 +138,7 @@ fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
             "far_m": middle.map(|m| m.far_m).filter(|m| m.is_finite()),
             "share_on_props": seen.on_props,
             "share_on_masks": seen.on_masks,
-            "findings": seen.findings.iter().map(finding).collect::<Vec<_>>(),
+            "findings": seen.findings.iter().map(|f| finding(path, loaded, seen, f)).collect::<Vec<_>>(),
         })
     };
     json!({
@@ -147,14 +147,23 @@ fn to_json(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Value {
         "file": path.display().to_string(),
         "scene": { "nodes": scene.nodes.len(), "triangles": scene.triangle_count(), "bytes": scene.device_bytes() },
         "structures": { "built": counts.built, "cached": counts.cached },
-        "warnings": warnings(loaded, projectors),
+        "warnings": warnings(path, loaded, projectors),
         "projectors": projectors.iter().map(of_projector).collect::<Vec<_>>(),
     })
 }
 
-fn finding(finding: &Finding) -> Value {
+fn finding(path: &Path, loaded: &Loaded, seen: &Seen, finding: &Finding) -> Value {
     let Finding { ailment, message, hint, .. } = finding;
-    json!({ "severity": "warning", "kind": ailment.as_str(), "message": message, "hint": hint })
+    let Problem { file, line, column, .. } = placed(path, loaded, seen, finding);
+    json!({
+        "severity": "warning", "kind": ailment.as_str(), "file": file, "line": line, "column": column,
+        "message": message, "hint": hint,
+    })
+}
+
+/// A finding where the configuration's text has what it is about.
+fn placed(path: &Path, loaded: &Loaded, seen: &Seen, finding: &Finding) -> Problem {
+    setup::suspicion(&loaded.config, &path.display().to_string(), &seen.name, finding)
 }
 
 fn print_text(path: &Path, loaded: &Loaded, projectors: &[Seen]) {
@@ -173,7 +182,7 @@ fn print_text(path: &Path, loaded: &Loaded, projectors: &[Seen]) {
         }
         say!("{:.1} % of its pixels hit a prop, {:.1} % a mask.", seen.on_props * 100.0, seen.on_masks * 100.0);
     }
-    for warning in warnings(loaded, projectors) {
+    for warning in warnings(path, loaded, projectors) {
         say!("\nwarning: {warning}");
     }
 }
@@ -185,14 +194,13 @@ fn carrier<'a>(loaded: &'a Loaded, projector: &str) -> Option<&'a str> {
 }
 
 /// What works and is still worth a look.
-fn warnings(loaded: &Loaded, projectors: &[Seen]) -> Vec<String> {
+fn warnings(path: &Path, loaded: &Loaded, projectors: &[Seen]) -> Vec<String> {
     let scene = loaded.editor.current();
     let no_folder = loaded.config.daemon.asset_roots.iter().filter(|root| !root.is_dir()).map(|root| {
         format!("daemon.asset_roots: {} is no folder, so no client can have a file from it\nhint: make it, or remove it there", root.display())
     });
     let of_projector = |seen: &Seen| -> Vec<String> {
-        let words = |f: &Finding| format!("projector {:?}: {}\nhint: {}", seen.name, f.message, f.hint);
-        seen.findings.iter().map(words).collect()
+        seen.findings.iter().map(|finding| placed(path, loaded, seen, finding).to_string()).collect()
     };
     let suspicious = projectors.iter().flat_map(of_projector);
     let of_files = scene.nodes.iter().flat_map(|n| n.warnings().iter().map(move |w| format!("node {:?}: {w}", n.name)));

@@ -117,6 +117,15 @@ fn calibration_problem(config: &Config, file: &str, projector: &str, error: &Loa
     problem(config, file, &at, &format!("calibration.{}", error.key()), &error.to_string())
 }
 
+/// What is suspicious about a projector's calibration, with its place: the key that it is about, or the whole table.
+pub fn suspicion(config: &Config, file: &str, projector: &str, finding: &Finding) -> Problem {
+    let at = format!("projector {projector:?}");
+    let of_key = config.places.of(&format!("{at}.calibration.{}", finding.key));
+    let (line, column) = of_key.or_else(|| config.places.of(&format!("{at}.calibration"))).unwrap_or_default();
+    let message = format!("{at}: {}", finding.message);
+    Problem { file: file.to_owned(), line, column, message, hint: finding.hint.clone() }
+}
+
 /// How the configuration wants frames rendered.
 pub fn settings(config: &Config) -> Settings {
     let render = &config.render;
