@@ -9,6 +9,7 @@ use glam::{DVec3, UVec2};
 use lantern_calibration::{Calibration, Convention, Frustum, Matrix4};
 use lantern_config::{Config, DEMO_TOML};
 use lantern_scene::{Edit, Editor, Limits, Scene};
+use serde_json::json;
 
 /// The scene that a list of edits, as the socket takes them, makes out of an empty one.
 ///
@@ -145,6 +146,24 @@ impl Stand {
     pub fn frustum(&self) -> Frustum {
         Frustum::new(self.calibration())
     }
+}
+
+/// A still life in which things stand before, behind and within each other; `raster` of them are the rasteriser's.
+pub fn still_life(raster: &[&str]) -> Arc<Scene> {
+    let add = |name: &str, shape: &str, at_m: [f64; 3], size: f64| {
+        let role = if raster.contains(&name) { "raster" } else { "prop" };
+        json!({"add": {"node": name, "uri": format!("lantern:{shape}"), "role": role,
+                       "translation_m": at_m, "scale": [size, size, size], "rotation": [0, 0.2588190451, 0, 0.9659258263]}})
+    };
+    scene_of(json!([
+        add("floor", "checker", [0.0, 0.0, 0.0], 0.25),
+        add("ball", "sphere", [-0.45, 0.3, 0.1], 0.3),
+        add("box", "cube", [0.35, 0.15, 0.25], 0.45),
+        add("teapot", "teapot", [0.1, 0.0, 0.75], 1.2),
+        add("within", "sphere", [-0.25, 0.25, 0.3], 0.2),
+        add("behind", "cube", [0.1, 0.35, -0.5], 0.7),
+        {"environment": {"color": [0.5, 0.5, 0.5]}},
+    ]))
 }
 
 #[cfg(test)]

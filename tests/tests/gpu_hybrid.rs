@@ -9,7 +9,7 @@ use lantern_scene::Scene;
 use lantern_tests::{
     gpu::{ONE_SAMPLE, Rig, assert_validation_is_silent},
     image::FloatImage,
-    stage::{Stand, editor_of, edits_of, scene_of},
+    stage::{Stand, editor_of, edits_of, scene_of, still_life},
 };
 use serde_json::{Value, json};
 
@@ -19,24 +19,6 @@ const TWO_UNITS: f32 = 2.0 / 16_777_216.0;
 
 fn stand(size_px: UVec2) -> Stand {
     Stand::new(DVec3::new(0.5, 1.7, 2.6), DVec3::new(0.0, 0.25, 0.0), size_px)
-}
-
-/// A still life in which things stand before, behind and within each other; `raster` of them are the rasteriser's.
-fn still_life(raster: &[&str]) -> Arc<Scene> {
-    let add = |name: &str, shape: &str, at_m: [f64; 3], size: f64| {
-        let role = if raster.contains(&name) { "raster" } else { "prop" };
-        json!({"add": {"node": name, "uri": format!("lantern:{shape}"), "role": role,
-                       "translation_m": at_m, "scale": [size, size, size], "rotation": [0, 0.2588190451, 0, 0.9659258263]}})
-    };
-    scene_of(json!([
-        add("floor", "checker", [0.0, 0.0, 0.0], 0.25),
-        add("ball", "sphere", [-0.45, 0.3, 0.1], 0.3),
-        add("box", "cube", [0.35, 0.15, 0.25], 0.45),
-        add("teapot", "teapot", [0.1, 0.0, 0.75], 1.2),
-        add("within", "sphere", [-0.25, 0.25, 0.3], 0.2),
-        add("behind", "cube", [0.1, 0.35, -0.5], 0.7),
-        {"environment": {"color": [0.5, 0.5, 0.5]}},
-    ]))
 }
 
 /// The layers of one frame: node and depth.

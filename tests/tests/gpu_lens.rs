@@ -16,7 +16,7 @@ use lantern_tests::{
     image::{FloatImage, percentile},
     lenses,
     random::SplitMix64,
-    stage::{Stand, scene_of},
+    stage::{Stand, scene_of, still_life},
 };
 use serde_json::json;
 
@@ -126,24 +126,6 @@ fn the_shader_leads_where_f64_does() {
         assert!(worst_back_px < BOUND_PX && shown > 5000, "{name}: {worst_back_px} px, {shown} shown");
     }
     assert_validation_is_silent();
-}
-
-/// A still life; `raster` of it are the rasteriser's.
-fn still_life(raster: &[&str]) -> Arc<Scene> {
-    let add = |name: &str, shape: &str, at_m: [f64; 3], size: f64| {
-        let role = if raster.contains(&name) { "raster" } else { "prop" };
-        json!({"add": {"node": name, "uri": format!("lantern:{shape}"), "role": role,
-                       "translation_m": at_m, "scale": [size, size, size], "rotation": [0, 0.2588190451, 0, 0.9659258263]}})
-    };
-    scene_of(json!([
-        add("floor", "checker", [0.0, 0.0, 0.0], 0.25),
-        add("ball", "sphere", [-0.45, 0.3, 0.1], 0.3),
-        add("box", "cube", [0.35, 0.15, 0.25], 0.45),
-        add("teapot", "teapot", [0.1, 0.0, 0.75], 1.2),
-        add("within", "sphere", [-0.25, 0.25, 0.3], 0.2),
-        add("behind", "cube", [0.1, 0.35, -0.5], 0.7),
-        {"environment": {"color": [0.5, 0.5, 0.5]}},
-    ]))
 }
 
 /// Where `LANTERN_PICTURES` names a folder, what is looked at goes there.

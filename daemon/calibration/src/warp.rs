@@ -90,7 +90,6 @@ pub struct Grid {
     nodes_px: Vec<Vec2>,
     /// Which cells show what.
     blocks: Blocks,
-    mirrored: bool,
 }
 
 /// What it shows follows from these two.
@@ -177,9 +176,8 @@ impl Grid {
             warp: Arc::clone(&warp),
             nodes_px,
             blocks: Blocks::default(),
-            mirrored: false,
         };
-        grid.mirrored = grid.check_turns()?;
+        grid.check_turns()?;
         let corners_px = |first: IVec2| {
             let (low, high) = grid.extent(first);
             let corners = [low, DVec2::new(high.x, low.y), DVec2::new(low.x, high.y), high];
@@ -192,11 +190,6 @@ impl Grid {
     /// The warp.
     pub fn warp(&self) -> &Arc<Warp> {
         &self.warp
-    }
-
-    /// Whether the ideal image is mirrored in the real one.
-    pub fn is_mirrored(&self) -> bool {
-        self.mirrored
     }
 
     /// The place in the ideal image; `None` where the nearest node is dark.
@@ -291,8 +284,8 @@ impl Grid {
         (low, DVec2::select(first.cmpeq(last), DVec2::splat(1.5), DVec2::ONE))
     }
 
-    /// Whether the cells are mirrored: most of them, and all but a few like one another.
-    fn check_turns(&self) -> Result<bool, WarpError> {
+    /// Refuses cells that are turned over, but for a few: mirrored or not, they are like one another.
+    fn check_turns(&self) -> Result<(), WarpError> {
         let size = self.warp.size.as_ivec2();
         let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
         let whole = |first: &IVec2| corners.iter().all(|step| self.lit(*first + step.as_ivec2()));
@@ -315,8 +308,8 @@ impl Grid {
                 }
             }
         }
-        let mirrored = counts[1] > counts[0];
-        let (same, other) = (counts[usize::from(mirrored)], firsts[usize::from(mirrored)]);
+        let most = usize::from(counts[1] > counts[0]);
+        let (same, other) = (counts[most], firsts[most]);
         if same == 0 {
             return Err(WarpError::Dark);
         }
@@ -326,7 +319,7 @@ impl Grid {
                 let (column, row) = (first.x as u32, first.y as u32);
                 Err(WarpError::Folds { turned, cells: all, column, row })
             }
-            _ => Ok(mirrored),
+            _ => Ok(()),
         }
     }
 }
