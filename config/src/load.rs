@@ -66,6 +66,7 @@ fn read_root(root: Table<'_>, base_dir: &Path) -> Option<Config> {
     let daemon = section("daemon").map(|table| read::daemon::daemon(table, base_dir));
     let device = section("device").map(read::daemon::device);
     let render = section("render").map(read::daemon::render);
+    let metrics = section("metrics").map(read::metrics::metrics);
     let limits = section("limits").map(read::daemon::limits);
     let scene = section("scene").map(read::scene::scene);
 
@@ -88,6 +89,7 @@ fn read_root(root: Table<'_>, base_dir: &Path) -> Option<Config> {
         daemon: daemon.unwrap_or_default(),
         device: device.unwrap_or_default(),
         render: render.unwrap_or_default(),
+        metrics: metrics.unwrap_or_default(),
         limits: limits.unwrap_or_else(Limits::default),
         scene: scene.unwrap_or_default(),
         bodies: bodies?,

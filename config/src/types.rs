@@ -22,6 +22,8 @@ pub struct Config {
     pub device: Device,
     /// `[render]`.
     pub render: Render,
+    /// `[metrics]`.
+    pub metrics: Metrics,
     /// `[scene]`.
     pub scene: Scene,
     /// `[[body]]`, in the file's order.
@@ -73,6 +75,13 @@ pub enum RayTracing {
     Bvh,
     /// By the device's ray queries; one without is refused.
     RayQuery,
+}
+
+/// Numbers for Prometheus. Our addition to the contract.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Metrics {
+    /// Where they can be had by HTTP, an address of the loopback; `None`: nowhere.
+    pub listen: Option<SocketAddr>,
 }
 
 /// How frames are made.

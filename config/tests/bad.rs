@@ -439,3 +439,12 @@ fn files_that_cannot_be_read() {
     std::fs::write(&latin, b"name = \"\xe9\"").unwrap();
     assert!(Config::load(&latin).unwrap_err()[0].message.contains("UTF-8"));
 }
+
+#[test]
+fn metrics_are_for_this_machine_alone() {
+    one("[scene]", "[metrics]\nlisten = \"0.0.0.0:9464\"\n[scene]", "127.0.0.1 or [::1]");
+    one("[scene]", "[metrics]\nlisten = \"192.168.1.7:9464\"\n[scene]", "127.0.0.1 or [::1]");
+    one("[scene]", "[metrics]\nlisten = \"[::]:9464\"\n[scene]", "127.0.0.1 or [::1]");
+    one("[scene]", "[metrics]\nlisten = \"localhost\"\n[scene]", "an address and a port");
+    one("[scene]", "[metrics]\n[scene]", "add listen = \"127.0.0.1:9464\"");
+}

@@ -129,6 +129,7 @@ fn the_reference_lists_every_key_and_no_other() {
         ("projector", projector.replacen("name", "zzz = 1\nname", 1)),
         ("projector.output", projector.replacen("name", "output = { kind = \"headless\", zzz = 1 }\nname", 1)),
         ("projector.calibration", format!("{projector}\nzzz = 1\n")),
+        ("metrics", "[metrics]\nzzz = 1\n".to_owned()),
         ("limits", "[limits]\nzzz = 1\n".to_owned()),
     ];
     for (section, fragment) in &sections {

@@ -4,6 +4,7 @@
 
 mod calibration;
 pub(crate) mod daemon;
+pub(crate) mod metrics;
 pub(crate) mod projector;
 mod protocol;
 pub(crate) mod scene;

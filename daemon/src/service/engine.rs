@@ -355,10 +355,11 @@ impl Engine for DaemonEngine {
         if config.daemon.socket != old.daemon.socket
             || config.daemon.state_dir != old.daemon.state_dir
             || config.device != old.device
+            || config.metrics != old.metrics
             || config.limits.max_clients != old.limits.max_clients
         {
             tracing::warn!(
-                "daemon.socket, daemon.state_dir, [device] and limits.max_clients are read at the start only; \
+                "daemon.socket, daemon.state_dir, [device], [metrics] and limits.max_clients are read at the start only; \
                  everything else was reloaded"
             );
         }

@@ -23,6 +23,7 @@ use super::stats::Stats;
 use super::systemd;
 use super::vulkan::{open_device, open_vulkan};
 use crate::control;
+use crate::metrics;
 use crate::socket_path;
 
 /// How long requests that are being served may hold up the end.
@@ -164,10 +165,13 @@ fn serve(
         .context("the first frame")?;
     let max_clients = loaded.config.limits.max_clients as usize;
     let background = Background::start().context("a thread to build structures on")?;
+    let metrics_at = loaded.config.metrics.listen;
     let (path, configured) = (options.config.clone(), (loaded.config, loaded.projectors));
     let engine = DaemonEngine::new((instance, device), links, trackers, store, background, path, configured);
     let engine = Arc::new(engine);
     let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
+    let at = |address| metrics::Server::start(runtime.handle(), address, engine.clone());
+    let metrics = metrics_at.map(at).transpose()?;
     tracing::info!(socket = %server.path().display(), "ready");
     systemd::ready(&shows);
 
@@ -195,6 +199,7 @@ fn serve(
     tracing::info!("stopping");
     systemd::stopping();
     drop(server);
+    drop(metrics);
     reloads.abort();
     watch.abort();
     shared.stop();
