@@ -169,9 +169,9 @@ fn serve(
     let (path, configured) = (options.config.clone(), (loaded.config, loaded.projectors));
     let engine = DaemonEngine::new((instance, device), links, trackers, store, background, path, configured);
     let engine = Arc::new(engine);
-    let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
     let at = |address| metrics::Server::start(runtime.handle(), address, engine.clone());
     let metrics = metrics_at.map(at).transpose()?;
+    let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
     tracing::info!(socket = %server.path().display(), "ready");
     systemd::ready(&shows);
 
