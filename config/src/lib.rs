@@ -18,6 +18,7 @@ mod scene;
 mod types;
 
 pub use calibration::{Calibration, CalibrationFile, Convention, Format, Matrices, Matrix4, Order, Unit};
+pub use load::{folder_of, read_text, state_dir_of};
 pub use places::Places;
 pub use problem::Problem;
 pub use protocol::{Axes, Dtrack, Natnet, NatnetVersion, Opentrack, Osc, OscArgument, OscPattern, Protocol};

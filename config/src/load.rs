@@ -5,11 +5,42 @@ use crate::problem::Problem;
 use crate::read;
 use crate::reader::{Source, Table};
 use crate::types::{Config, Limits};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
 /// No configuration that a person wrote is longer; a wrong path may lead to a disk image.
 const MAX_FILE_BYTES: u64 = 16 << 20;
+
+/// What stands in a configuration file.
+///
+/// # Errors
+/// A file that cannot be read is one problem.
+pub fn read_text(path: &Path) -> Result<String, Vec<Problem>> {
+    let file = path.display().to_string();
+    let whole = |message: String, hint: &str| {
+        vec![Problem { file: file.clone(), line: 0, column: 0, message, hint: hint.to_owned() }]
+    };
+    let readable = "name a configuration file that you may read; config/demo.toml is one to start from";
+    let length = std::fs::metadata(path).map_err(|e| whole(format!("cannot be read: {e}"), readable))?.len();
+    if length > MAX_FILE_BYTES {
+        return Err(whole(format!("is {length} bytes long, which no configuration is"), readable));
+    }
+    let bytes = std::fs::read(path).map_err(|e| whole(format!("cannot be read: {e}"), readable))?;
+    String::from_utf8(bytes).map_err(|e| whole(format!("is not UTF-8: {e}"), "save it as UTF-8"))
+}
+
+/// What relative paths of a configuration file start from.
+pub fn folder_of(path: &Path) -> &Path {
+    // A bare file name has an empty parent, which means the working folder.
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// `daemon.state_dir` of a text that may be wrong in every other way, and may be no TOML as a whole; `None` where it does not say.
+pub fn state_dir_of(text: &str, base_dir: &Path) -> Option<PathBuf> {
+    let (root, _) = DeTable::parse_recoverable(text);
+    let written = root.get_ref().get("daemon")?.get_ref().get("state_dir")?.get_ref().as_str()?;
+    (!written.is_empty()).then(|| base_dir.join(written))
+}
 
 impl Config {
     /// Reads a file.
@@ -17,21 +48,7 @@ impl Config {
     /// # Errors
     /// Everything that is wrong with it, in the file's order; a file that cannot be read is one problem.
     pub fn load(path: &Path) -> Result<Self, Vec<Problem>> {
-        let file = path.display().to_string();
-        let whole = |message: String, hint: &str| {
-            vec![Problem { file: file.clone(), line: 0, column: 0, message, hint: hint.to_owned() }]
-        };
-        let readable = "name a configuration file that you may read; config/demo.toml is one to start from";
-        let length = std::fs::metadata(path).map_err(|e| whole(format!("cannot be read: {e}"), readable))?.len();
-        if length > MAX_FILE_BYTES {
-            return Err(whole(format!("is {length} bytes long, which no configuration is"), readable));
-        }
-        let bytes = std::fs::read(path).map_err(|e| whole(format!("cannot be read: {e}"), readable))?;
-        let text = String::from_utf8(bytes).map_err(|e| whole(format!("is not UTF-8: {e}"), "save it as UTF-8"))?;
-
-        // A bare file name has an empty parent, which means the working folder.
-        let base_dir = path.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        Self::parse(&text, &file, base_dir)
+        Self::parse(&read_text(path)?, &path.display().to_string(), folder_of(path))
     }
 
     /// Reads a text. `file_name` is what problems call it, `base_dir` what relative paths start from.

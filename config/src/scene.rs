@@ -1,6 +1,7 @@
 //! The `[scene]` section in memory, and its fingerprint.
 
 use serde::Serialize;
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::fmt::Write;
 
@@ -18,21 +19,42 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A hash of everything in it: equal scenes have equal fingerprints, on every machine and in every release that has
-    /// the same fields. 64 hexadecimal digits, SHA-256 of its JSON.
+    /// A hash of everything in it: equal scenes have equal fingerprints, on every machine and in every release, also in one that
+    /// knows more keys, as long as nobody has written them: what is `None` or empty does not count. 64 hexadecimal digits, SHA-256
+    /// of its JSON.
     ///
     /// A state store keeps it beside what it stores, to know whether the configuration has changed since.
     pub fn fingerprint(&self) -> String {
-        // Fields are written in the order of their declaration and numbers in their shortest form, so the text is
-        // canonical without sorting.
-        let mut hash = Sha256::new();
-        hash.update(serde_json::to_vec(self).unwrap_or_default());
-        hash.finalize().iter().fold(String::with_capacity(64), |mut hex, byte| {
-            // Writing to a String cannot fail.
-            let _ = write!(hex, "{byte:02x}");
-            hex
-        })
+        // Fields are written in the order of their declaration and numbers in their shortest form, so the text is canonical without
+        // sorting. Numbers, texts and lists of them can be written, and have no other way to fail.
+        sha256(&serde_json::to_value(self).map(written).unwrap_or_default().to_string())
     }
+
+    /// As [`Scene::fingerprint`] was in the first version of the kept state, which counted what is not written as well; for
+    /// states of that version alone. A new field of a scene is left out where it is `None`, so that this stays what it was.
+    pub fn fingerprint_with_nulls(&self) -> String {
+        sha256(&serde_json::to_string(self).unwrap_or_default())
+    }
+}
+
+/// What somebody wrote of a value: no nulls, and no lists that are empty.
+fn written(value: Value) -> Value {
+    match value {
+        Value::Object(map) => {
+            let kept = map.into_iter().map(|(key, value)| (key, written(value)));
+            Value::Object(kept.filter(|(_, value)| !value.is_null() && *value != Value::Array(vec![])).collect())
+        }
+        Value::Array(items) => Value::Array(items.into_iter().map(written).collect()),
+        other => other,
+    }
+}
+
+fn sha256(text: &str) -> String {
+    Sha256::digest(text).iter().fold(String::with_capacity(64), |mut hex, byte| {
+        // Writing to a String cannot fail.
+        let _ = write!(hex, "{byte:02x}");
+        hex
+    })
 }
 
 /// What a miss sees.

@@ -12,6 +12,9 @@ pub struct Status {
     pub version: String,
     /// Since the process started.
     pub uptime_s: f64,
+    /// What it was told to do.
+    #[serde(default)]
+    pub config: ConfigStatus,
     /// What renders.
     pub device: DeviceStatus,
     /// What is rendered.
@@ -22,6 +25,17 @@ pub struct Status {
     pub trackers: BTreeMap<String, TrackerStatus>,
     /// By name.
     pub projectors: BTreeMap<String, ProjectorStatus>,
+}
+
+/// The configuration.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ConfigStatus {
+    /// The file, as `lanternd run -c` was told.
+    pub path: String,
+    /// Whether the file is what is in use; false: it was wrong when it was last read, and an earlier one is in use.
+    pub good: bool,
+    /// What is wrong with it, as it was last read.
+    pub problem: Option<String>,
 }
 
 /// The Vulkan device.

@@ -114,13 +114,23 @@ impl Daemon {
     /// # Errors
     /// Where it cannot be started, or neither answers nor ends in time.
     pub fn try_start_in(folder: &Arc<TempDir>, config: &str) -> Result<Result<Self, Ended>> {
+        fs::write(folder.path().join("lantern.toml"), config).context("writing the configuration")?;
+        Self::try_start_as_is(folder, &[])
+    }
+
+    /// The same on the configuration that is there or is not, with more in its environment.
+    ///
+    /// # Errors
+    /// As [`Daemon::try_start_in`].
+    pub fn try_start_as_is(folder: &Arc<TempDir>, environment: &[(&str, &Path)]) -> Result<Result<Self, Ended>> {
         let config_file = folder.path().join("lantern.toml");
         let socket = folder.path().join("lanternd.sock");
-        fs::write(&config_file, config).context("writing the configuration")?;
         let mut child = command("lanternd")?
             .args(["run".as_ref(), "-c".as_ref(), config_file.as_os_str(), "--socket".as_ref(), socket.as_os_str()])
             // What another test's daemon has kept is not this one's.
             .env("CACHE_DIRECTORY", folder.path().join("cache"))
+            .env_remove("STATE_DIRECTORY")
+            .envs(environment.iter().copied())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()

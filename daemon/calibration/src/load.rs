@@ -1,6 +1,7 @@
 //! From a projector of the configuration to its calibration.
 
-use std::path::PathBuf;
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
 
 use lantern_config::{Calibration as Configured, Matrices, Projector};
 
@@ -40,16 +41,27 @@ impl Calibration {
     /// From a projector of the configuration: its matrices, or the file that it names.
     ///
     /// # Errors
-    /// As [`Calibration::from_matrices`] and [`formats::load`].
+    /// As [`Calibration::from_matrices`], [`formats::read`] and [`formats::from_bytes`].
     pub fn from_config(projector: &Projector) -> Result<Self, LoadError> {
+        Self::from_config_by(projector, |path| formats::read(path).map(Box::new))
+    }
+
+    /// The same, where files are read by `read`: as it may be, from what they held when they were last good.
+    ///
+    /// # Errors
+    /// As [`Calibration::from_config`], and what `read` says.
+    pub fn from_config_by<B: Deref<Target = Vec<u8>>>(
+        projector: &Projector,
+        read: impl FnOnce(&Path) -> Result<B, FileError>,
+    ) -> Result<Self, LoadError> {
         let resolution_px = projector.resolution_px.into();
         match &projector.calibration {
             Configured::Matrices(Matrices { convention, projection, view, .. }) => {
                 Ok(Self::from_matrices(projection, view, (*convention).into(), resolution_px)?)
             }
-            Configured::File(file) => {
-                formats::load(file, resolution_px).map_err(|error| LoadError::File { path: file.path.clone(), error })
-            }
+            Configured::File(file) => read(&file.path)
+                .and_then(|bytes| formats::from_bytes(&bytes, file, resolution_px))
+                .map_err(|error| LoadError::File { path: file.path.clone(), error }),
         }
     }
 }

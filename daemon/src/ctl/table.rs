@@ -19,6 +19,10 @@ pub(super) fn status(status: &Status) -> String {
     if let Some(messages) = device.validation_messages.filter(|&messages| messages > 0) {
         text.push_str(&format!("        {messages} messages of the validation layer\n"));
     }
+    if let Some(problem) = &status.config.problem {
+        let problem = problem.replace('\n', "\n        ");
+        text.push_str(&format!("config  wrong, and an earlier one is in use: {problem}\n"));
+    }
     text.push_str(&format!(
         "scene   revision {}: {} nodes, {} triangles, {} on the device\n",
         scene.revision,

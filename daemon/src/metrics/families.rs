@@ -27,6 +27,9 @@ fn of_daemon(page: &mut Page, status: &Status) {
     let one = |value: f64| [sample(&[], value)];
     page.family("lantern_info", Kind::Gauge, "The daemon", [sample(&[("version", &status.version)], 1.0)]);
     page.family("lantern_uptime_seconds", Kind::Gauge, "Since the daemon started", one(status.uptime_s));
+    let good = f64::from(u8::from(status.config.good));
+    let help = "1 where the configuration file is in use, 0 where it has come to be wrong and an earlier one is";
+    page.family("lantern_config_good", Kind::Gauge, help, one(good));
     let words = [("name", device.name.as_str()), ("driver", &device.driver), ("kind", &device.kind)];
     page.family("lantern_device_info", Kind::Gauge, "What renders", [sample(&words, 1.0)]);
     let messages = device.validation_messages.map(|count| sample(&[], count as f64));
@@ -180,7 +183,7 @@ fn quantiles<'a>(labels: &[Label<'a>], times_ms: &[(&'static str, f64)]) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lantern_proto::status::{DeviceStatus, FrameTimes, OthersStatus, QueueStatus, SceneStatus};
+    use lantern_proto::status::{ConfigStatus, DeviceStatus, FrameTimes, OthersStatus, QueueStatus, SceneStatus};
     use serde_json::Value;
 
     /// Numbers of which no two are alike, nor a thousandth of one another.
@@ -211,6 +214,7 @@ mod tests {
         Status {
             version: "0.1.0".to_owned(),
             uptime_s: n.real(),
+            config: ConfigStatus { path: "lab.toml".to_owned(), good: false, problem: Some("wrong".to_owned()) },
             device: DeviceStatus {
                 name: "a \"device\"".to_owned(),
                 driver: "driver".to_owned(),
@@ -315,6 +319,7 @@ mod tests {
         assert!(samples.len() > told.len());
         for line in [
             "lantern_device_info{name=\"a \\\"device\\\"\",driver=\"driver\",kind=\"cpu\"} 1",
+            "lantern_config_good 0",
             "lantern_tracker_body_tracked{tracker=\"b\",id=\"2\",body=\"head\"} 0",
             "lantern_tracker_body_tracked{tracker=\"b\",id=\"1\",body=\"head\"} 1",
             "lantern_projector_queue_shared{projector=\"left\"} 1",

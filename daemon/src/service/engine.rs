@@ -1,7 +1,6 @@
 //! The control socket's operations.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -19,6 +18,7 @@ use lantern_tracking::Trackers;
 
 use super::background::Background;
 use super::frames::{Links, lock_editor};
+use super::origin::{self, Origin};
 use super::setup;
 use super::shared::{Lease, Request};
 use super::state::Store;
@@ -36,7 +36,7 @@ pub struct DaemonEngine {
     links: Links,
     trackers: Mutex<Trackers>,
     store: Option<Store>,
-    config_path: PathBuf,
+    origin: Origin,
     config: Mutex<Config>,
     /// The configuration's projectors, with what their calibration files held when they were read.
     projectors: Mutex<Vec<ProjectorSpec>>,
@@ -54,7 +54,7 @@ impl DaemonEngine {
         trackers: Trackers,
         store: Option<Store>,
         background: Background,
-        config_path: PathBuf,
+        origin: Origin,
         (config, projectors): (Config, Vec<ProjectorSpec>),
     ) -> Self {
         Self {
@@ -64,7 +64,7 @@ impl DaemonEngine {
             links,
             trackers: Mutex::new(trackers),
             store,
-            config_path,
+            origin,
             config: Mutex::new(config),
             projectors: Mutex::new(projectors),
             applying: Mutex::new(()),
@@ -90,8 +90,8 @@ impl DaemonEngine {
     /// Makes a revision durable, where anything is kept.
     fn keep(&self, scene: &Scene) -> Result<bool, ErrorBody> {
         let Some(store) = &self.store else { return Ok(false) };
-        let fingerprint = self.config().scene.fingerprint();
-        store.save(&fingerprint, scene.revision, scene.edits()).map(|()| true).map_err(|e| {
+        let configured = self.config().scene.clone();
+        store.save(&configured, scene.revision, scene.edits()).map(|()| true).map_err(|e| {
             ErrorBody::new("not-durable", format!("the edits cannot be kept, and so are not applied: {e}"))
         })
     }
@@ -244,6 +244,7 @@ impl Engine for DaemonEngine {
         Status {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             uptime_s: self.start.elapsed().as_secs_f64(),
+            config: self.origin.status(),
             device: DeviceStatus {
                 name: info.name.clone(),
                 driver: format!("{} {}", info.driver_name, info.driver_info),
@@ -345,10 +346,13 @@ impl Engine for DaemonEngine {
 
     fn reload(&self) -> Result<Reloaded, ErrorBody> {
         let _turn = lock(&self.applying);
-        let refused = |message: String| ErrorBody::new("bad-config", message);
-        let path = self.config_path.clone();
-        let loaded = self.background.run(move || setup::load(&path)).map_err(|_| stopping())?;
-        let loaded = loaded.map_err(|e| refused(e.to_string()))?;
+        let refused = |message: String| {
+            self.origin.refused(&message);
+            ErrorBody::new("bad-config", message)
+        };
+        let path = self.origin.path().to_owned();
+        let loaded = self.background.run(move || origin::load(&path)).map_err(|_| stopping())?;
+        let (loaded, sources) = loaded.map_err(|e| refused(e.to_string()))?;
         loaded.warn();
         let old = self.config().clone();
         let config = loaded.config;
@@ -412,6 +416,7 @@ impl Engine for DaemonEngine {
             if let Err(error) = lock(&self.trackers).configure(&old.trackers) {
                 tracing::error!("the trackers cannot be listened to as before: {error}");
             }
+            self.origin.refused(&error.message);
             return Err(error);
         }
         *editor = next;
@@ -427,6 +432,8 @@ impl Engine for DaemonEngine {
         if !same_scene && let Err(error) = self.keep(&scene) {
             tracing::warn!("reloaded, but a restart will not find this scene: {}", error.message);
         }
+        let shows = format!("{} projectors; {} nodes at the reload", self.config().projectors.len(), scene.nodes.len());
+        self.origin.reloaded(&sources, &shows);
         tracing::info!(revision = scene.revision, "reloaded");
         Ok(Reloaded { revision: scene.revision })
     }

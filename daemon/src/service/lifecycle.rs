@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use lantern_gpu::{Device, Instance};
-use lantern_scene::{Counts, Editor};
+use lantern_scene::{Counts, EditError, Editor};
 use lantern_tracking::{Bodies, Trackers};
 use tokio::runtime::Runtime;
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -15,10 +15,11 @@ use super::background::Background;
 use super::engine::DaemonEngine;
 use super::frames::{self, Links};
 use super::hearsay;
+use super::origin::{LoadedFrom, Origin};
 use super::panics;
 use super::setup::{self, Loaded};
 use super::shared::Shared;
-use super::state::Store;
+use super::state::{Found, State, Store};
 use super::stats::Stats;
 use super::systemd;
 use super::vulkan::{open_device, open_vulkan};
@@ -52,7 +53,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
         let _guard = runtime.enter();
         Signals::listen()?
     };
-    let mut loaded = setup::load(&options.config)?;
+    let (origin, (mut loaded, sources)) = Origin::start(&options.config)?;
     loaded.warn();
 
     // The socket first: a second daemon must be refused before it touches anything that the first one uses.
@@ -73,7 +74,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let instance = open_vulkan()?;
     let device = open_device(&instance, &loaded.config)?;
     tracing::info!(device = device.info().name, driver = device.info().driver_info, "rendering");
-    let served = serve(&runtime, signals, options, loaded, listener, store, (instance, device));
+    let served = serve(&runtime, signals, options, (loaded, sources), listener, (origin, store), (instance, device));
 
     // A request that still reads a large file is nobody's any more.
     runtime.shutdown_timeout(STOP_PATIENCE);
@@ -99,41 +100,48 @@ impl Signals {
 
 /// Brings back the revision that was kept, if it belongs to this configuration's scene.
 fn restore(store: &Store, loaded: &mut Loaded) {
-    let state = match store.load(&loaded.config.scene.fingerprint()) {
-        Ok(Some(state)) => state,
-        Ok(None) => return,
-        Err(error) => {
-            tracing::warn!("{error}");
-            return;
-        }
+    let found = match store.load(&loaded.config.scene) {
+        Found::Scene(state) => match rebuild(&state, loaded) {
+            Ok(editor) => {
+                tracing::info!(revision = state.revision, "restored the scene that was kept");
+                loaded.editor = editor;
+                return;
+            }
+            Err(error) => store.unshowable(&state, error.to_string()),
+        },
+        found => found,
     };
+    let Found::Unusable { reason, revision, aside } = found else { return };
+    // Numbers count on all the same.
+    loaded.editor.continue_after(revision.map_or(0, |revision| revision + 1));
+    match aside {
+        Ok(aside) => tracing::warn!(
+            aside = %aside.display(),
+            "the scene that was kept is not used, and was set aside; the configuration's is shown: {reason}"
+        ),
+        Err(error) => tracing::error!(
+            "the scene that was kept is not used, and cannot be set aside, so that nothing new can be kept: {reason}; {error}"
+        ),
+    }
+}
+
+/// An editor of a scene that was kept.
+fn rebuild(state: &State, loaded: &Loaded) -> Result<Editor, EditError> {
     let mut editor = Editor::new((&loaded.config.limits).into(), loaded.config.daemon.asset_roots.clone())
         .with_structures(loaded.editor.structures().clone());
     editor.learn_from(&loaded.editor);
-    match editor.restore(&state.edits) {
-        Ok(_) => {
-            editor.continue_after(state.revision);
-            tracing::info!(revision = state.revision, "restored the scene that was kept");
-            loaded.editor = editor;
-        }
-        Err(error) => {
-            tracing::warn!(
-                "the scene that was kept cannot be shown: {error}; it was set aside, and the configuration's is"
-            );
-            if let Err(error) = store.set_aside() {
-                tracing::warn!("{error}");
-            }
-        }
-    }
+    editor.restore(&state.edits)?;
+    editor.continue_after(state.revision);
+    Ok(editor)
 }
 
 fn serve(
     runtime: &Runtime,
     signals: Signals,
     options: &Options,
-    loaded: Loaded,
+    (loaded, sources): LoadedFrom,
     listener: control::Listener,
-    store: Option<Store>,
+    (origin, store): (Origin, Option<Store>),
     vulkan: (Arc<Instance>, Arc<Device>),
 ) -> anyhow::Result<()> {
     let (instance, device) = vulkan;
@@ -163,11 +171,13 @@ fn serve(
         .map_err(|_| anyhow!("the frame thread has gone"))?
         .map_err(|e| anyhow!(e))
         .context("the first frame")?;
+    origin.works(&sources);
+    drop(sources);
     let max_clients = loaded.config.limits.max_clients as usize;
     let background = Background::start().context("a thread to build structures on")?;
     let metrics_at = loaded.config.metrics.listen;
-    let (path, configured) = (options.config.clone(), (loaded.config, loaded.projectors));
-    let engine = DaemonEngine::new((instance, device), links, trackers, store, background, path, configured);
+    let (shows, configured) = (origin.words(&shows), (loaded.config, loaded.projectors));
+    let engine = DaemonEngine::new((instance, device), links, trackers, store, background, origin, configured);
     let engine = Arc::new(engine);
     let at = |address| metrics::Server::start(runtime.handle(), address, engine.clone());
     let metrics = metrics_at.map(at).transpose()?;

@@ -1,6 +1,9 @@
 //! The daemon at work: lifecycle, the frame thread, what the threads share, and what survives.
 //!
 //! - [`lifecycle`]: start, signals, reload, stop;
+//! - [`origin`]: the configuration's file, or what it last was;
+//! - [`sources`]: what it is read from;
+//! - [`last_good`]: what is kept of it;
 //! - [`setup`]: from the configuration to the parts;
 //! - [`frames`]: the frame thread, which alone talks to the device;
 //! - [`lead`]: when the light of the frame that is being made leaves;
@@ -22,14 +25,17 @@ pub mod carried;
 pub mod engine;
 pub mod frames;
 pub mod hearsay;
+pub mod last_good;
 pub mod lead;
 pub mod ledger;
 pub mod lifecycle;
 pub mod monotonic;
+pub mod origin;
 pub mod panics;
 pub mod setup;
 pub mod shared;
 pub mod sight;
+pub mod sources;
 pub mod state;
 pub mod stats;
 pub mod systemd;

@@ -7,12 +7,14 @@ use std::time::Duration;
 
 use glam::DVec3;
 use lantern_calibration::doctor::{self, Finding, Props};
+use lantern_calibration::formats::{self, FileError};
 use lantern_calibration::{Calibration, LoadError};
 use lantern_config::{Body, Config, Drives, Output, Problem};
 use lantern_render::{ProjectorSpec, RasterOrder, Settings};
 use lantern_scene::{Editor, Role, Scene, Structures};
 
 use super::frames::Setup;
+use super::sources::Sources;
 
 /// Everything wrong with a configuration and what it names.
 #[derive(Debug, thiserror::Error)]
@@ -50,8 +52,16 @@ impl Loaded {
 /// # Errors
 /// Every problem, with its place.
 pub fn load(path: &Path) -> Result<Loaded, Problems> {
-    let config = Config::load(path).map_err(Problems)?;
-    from_config(config, &path.display().to_string())
+    load_from(&mut Sources::read(path).map_err(Problems)?)
+}
+
+/// The same from sources, which read the calibrations that they do not have.
+///
+/// # Errors
+/// Every problem, with its place.
+pub fn load_from(sources: &mut Sources) -> Result<Loaded, Problems> {
+    let config = sources.config().map_err(Problems)?;
+    from_config_by(config, &sources.name(), |path| sources.calibration(path))
 }
 
 /// Loads everything that a configuration names.
@@ -59,10 +69,18 @@ pub fn load(path: &Path) -> Result<Loaded, Problems> {
 /// # Errors
 /// Every problem, with its place.
 pub fn from_config(config: Config, file: &str) -> Result<Loaded, Problems> {
+    from_config_by(config, file, |path| formats::read(path).map(Arc::new))
+}
+
+fn from_config_by(
+    config: Config,
+    file: &str,
+    mut read: impl FnMut(&Path) -> Result<Arc<Vec<u8>>, FileError>,
+) -> Result<Loaded, Problems> {
     let mut problems = Vec::new();
     let mut projectors = Vec::new();
     for projector in &config.projectors {
-        match Calibration::from_config(projector) {
+        match Calibration::from_config_by(projector, &mut read) {
             Ok(calibration) => projectors.push(ProjectorSpec { name: projector.name.clone(), calibration }),
             Err(error) => problems.push(calibration_problem(&config, file, &projector.name, &error)),
         }

@@ -12,6 +12,11 @@ pub fn ready(status: &str) {
     notify(&[NotifyState::Ready, NotifyState::Status(status)]);
 }
 
+/// Tells systemd how it goes, in one line.
+pub fn status(status: &str) {
+    notify(&[NotifyState::Status(status)]);
+}
+
 /// Tells systemd that the end has begun.
 pub fn stopping() {
     notify(&[NotifyState::Stopping]);

@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each test program uses its own part")]
 
 use lantern::control::{Engine, Events, Listener, Picture, Server};
-use lantern_proto::status::{DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
+use lantern_proto::status::{ConfigStatus, DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
 use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -36,6 +36,7 @@ impl Engine for FakeEngine {
         Status {
             version: "9.9.9".into(),
             uptime_s: 3725.0,
+            config: ConfigStatus { path: "lab.toml".into(), good: true, problem: None },
             device: DeviceStatus {
                 name: "llvmpipe (fake)".into(),
                 driver: "1".into(),

@@ -27,6 +27,7 @@ mod xml;
 
 use std::fs::File;
 use std::io::Read;
+use std::path::Path;
 
 use glam::UVec2;
 use lantern_config::{CalibrationFile, Format};
@@ -37,23 +38,23 @@ pub use error::FileError;
 use crate::Calibration;
 use context::Context;
 
-/// Reads a projector's calibration file; `resolution_px` is the projector's.
+/// What stands in a calibration file, of whatever format.
+///
+/// # Errors
+/// One that cannot be read.
+pub fn read(path: &Path) -> Result<Vec<u8>, FileError> {
+    let unreadable = |source| FileError::Unreadable { source };
+    // One byte more than there may be tells a file that is too long, whatever its folder says of its length: a pipe has none.
+    let opened = File::open(path).map_err(unreadable)?;
+    let mut bytes = Vec::new();
+    opened.take(limits::FILE_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    Ok(bytes)
+}
+
+/// Reads a projector's calibration from what stands in its file; `resolution_px` is the projector's.
 ///
 /// # Errors
 /// What is wrong with the file, or what neither it nor the configuration says.
-pub fn load(file: &CalibrationFile, resolution_px: UVec2) -> Result<Calibration, FileError> {
-    let unreadable = |source| FileError::Unreadable { source };
-    // One byte more than there may be tells a file that is too long, whatever its folder says of its length: a pipe has none.
-    let opened = File::open(&file.path).map_err(unreadable)?;
-    let mut bytes = Vec::new();
-    opened.take(limits::FILE_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
-    from_bytes(&bytes, file, resolution_px)
-}
-
-/// The same from what stands in the file.
-///
-/// # Errors
-/// As [`load`].
 pub fn from_bytes(bytes: &[u8], file: &CalibrationFile, resolution_px: UVec2) -> Result<Calibration, FileError> {
     limits::check("the file", bytes.len() as u64, limits::FILE_BYTES)?;
     let context = Context { file, resolution_px };
