@@ -70,8 +70,10 @@ class Strangers:
         return Client(self.daemon.path)
 
     def snapshot(self):
-        client = self.client()
-        client.ask("snapshot", projector=self.chance.choice(["left", "right"]), layer=self.chance.choice(LAYERS))
+        # All layers each time: the first of one may have shaders compiled, which is for the warm-up.
+        client, projector = self.client(), self.chance.choice(["left", "right"])
+        for layer in LAYERS:
+            client.ask("snapshot", projector=projector, layer=layer)
         client.close()
 
     def hang_up_in_a_line(self):

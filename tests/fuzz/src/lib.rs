@@ -1,4 +1,7 @@
 //! What the fuzzers share.
 
 pub mod calibration;
+pub mod scene;
+pub mod socket;
+pub mod state;
 pub mod tracker;

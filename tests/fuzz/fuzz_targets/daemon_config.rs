@@ -1,0 +1,6 @@
+//! The configuration.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    lantern_fuzz::state::configure(data);
+});

@@ -1,0 +1,6 @@
+//! Binary glTF.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    lantern_fuzz::scene::load("glb", data);
+});
