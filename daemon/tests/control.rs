@@ -8,8 +8,6 @@ use lantern_proto::event::SceneEvent;
 use lantern_proto::{Event, EventKind, Layer};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
-use std::mem::MaybeUninit;
-use std::os::fd::AsFd;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
@@ -199,23 +197,6 @@ fn a_slow_subscriber_is_told_what_it_lost_and_a_deaf_one_is_dropped() {
         assert!(Instant::now() < deadline, "still connected");
         std::thread::sleep(Duration::from_millis(50));
     }
-}
-
-#[test]
-fn file_descriptors_are_refused_with_the_request_that_brings_them() {
-    use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg};
-    let daemon = FakeDaemon::start();
-    let mut client = Client::connect(daemon.socket());
-    let file = std::fs::File::open("/dev/null").unwrap();
-    let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
-    let mut control = SendAncillaryBuffer::new(&mut space);
-    let descriptors = [file.as_fd()];
-    assert!(control.push(SendAncillaryMessage::ScmRights(&descriptors)));
-    let line = b"{\"id\": 1, \"op\": \"scene.apply\", \"edits\": []}\n";
-    sendmsg(&client.stream, &[std::io::IoSlice::new(line)], &mut control, SendFlags::empty()).unwrap();
-    let reply = client.receive().unwrap();
-    assert_eq!((&reply["id"], &reply["error"]["code"]), (&json!(1), &json!("not-built")));
-    assert_eq!(client.ask(&json!({"id": 2, "op": "hello"}))["ok"]["protocol"], 1);
 }
 
 #[test]

@@ -17,7 +17,7 @@ pub mod status;
 pub use color::{Color, ColorAlpha};
 pub use edit::{Add, Edit, Environment, Light, LightKind, Material, MeshRef, Remove, Role, Set, Vertices};
 pub use event::Event;
-pub use parse::{Refusal, parse_line};
+pub use parse::{Refusal, parse_line, parse_line_with};
 pub use pose_packet::{POSE_PACKET_BYTES, PosePacket, PosePacketError};
 pub use reply::{Applied, ErrorBody, Hello, Outcome, Reloaded, Reply, SceneGet, SnapshotHead, Subscribed};
 pub use request::{EventKind, Id, Layer, Op, Pattern, PatternRequest, Pose, Request, SceneApply, Snapshot, Subscribe};

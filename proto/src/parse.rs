@@ -28,6 +28,38 @@ impl From<Refusal> for Reply {
 /// A [`Refusal`] with code `bad-json` (no JSON, or not UTF-8), `unknown-op`, or `bad-request` (JSON of another shape than
 /// the contract's: a field that is missing, unknown, of a wrong type or out of its range), `at` naming the place.
 pub fn parse_line(line: &[u8]) -> Result<Request, Refusal> {
+    parse(line, parse_op)
+}
+
+/// The same, where `edits` of the line stands for a list that came in another way: a JSON text, or why there is none.
+///
+/// # Errors
+/// As [`parse_line`]; places are those of the list.
+pub fn parse_line_with(line: &[u8], edits: Result<Vec<u8>, ErrorBody>) -> Result<Request, Refusal> {
+    parse(line, |mut fields| {
+        let named =
+            fields.get("op").is_some_and(|op| op == "scene.apply") && fields.get("edits").is_some_and(Value::is_string);
+        if !named {
+            return parse_op(fields);
+        }
+        // Everything but the list is read as ever, with an empty one in its place.
+        fields.insert("edits".to_owned(), Value::Array(vec![]));
+        let mut op = parse_op(fields)?;
+        if let Op::SceneApply(apply) = &mut op {
+            let text = edits?;
+            let mut reader = serde_json::Deserializer::from_slice(&text);
+            apply.edits = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
+                let at = place(error.path(), &error.inner().to_string());
+                let dot = if at.is_empty() || at.starts_with('[') { "" } else { "." };
+                ErrorBody::new("bad-request", error.into_inner().to_string()).at(format!("edits{dot}{at}"))
+            })?;
+            reader.end().map_err(|error| ErrorBody::new("bad-request", error.to_string()).at("edits"))?;
+        }
+        Ok(op)
+    })
+}
+
+fn parse(line: &[u8], op: impl FnOnce(Map<String, Value>) -> Result<Op, ErrorBody>) -> Result<Request, Refusal> {
     let anonymous = |error| Refusal { id: None, error };
     let value: Value = serde_json::from_slice(line)
         .map_err(|e| anonymous(ErrorBody::new("bad-json", format!("the line is no JSON: {e}"))))?;
@@ -44,7 +76,7 @@ pub fn parse_line(line: &[u8]) -> Result<Request, Refusal> {
         Some(_) => return Err(anonymous(ErrorBody::new("bad-request", "`id` is not a number").at("id"))),
         None => return Err(anonymous(ErrorBody::new("bad-request", "missing field `id`").at("id"))),
     };
-    match parse_op(fields) {
+    match op(fields) {
         Ok(op) => Ok(Request { id, op }),
         Err(error) => Err(Refusal { id: Some(id), error }),
     }

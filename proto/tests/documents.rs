@@ -4,7 +4,7 @@
 use lantern_proto::request::SceneApply;
 use lantern_proto::{
     Applied, Edit, Event, EventKind, Hello, Op, Outcome, PosePacket, Reloaded, Reply, SceneGet, SnapshotHead, Status,
-    Subscribed, parse_line,
+    Subscribed, parse_line_with,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -42,7 +42,9 @@ fn requests_are_requests_and_replies_are_theirs() {
     let (mut asked, mut pairs) = (None, 0);
     for (fence, text) in blocks() {
         if fence == "json request" {
-            asked = Some(parse_line(text.trim().as_bytes()).unwrap_or_else(|error| panic!("{error}: {text}")));
+            // One has its edits elsewhere.
+            let request = parse_line_with(text.trim().as_bytes(), Ok(b"[]".to_vec()));
+            asked = Some(request.unwrap_or_else(|error| panic!("{error}: {text}")));
         } else if fence == "json reply" {
             let request = asked.take().expect("a reply without its request");
             let reply: Reply = serde_json::from_str(text).unwrap();

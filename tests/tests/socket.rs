@@ -3,6 +3,7 @@
 
 use std::{
     io::{ErrorKind, Read},
+    process::Command,
     time::{Duration, Instant},
 };
 
@@ -349,4 +350,17 @@ fn loop_until_end(client: &mut Client) -> usize {
         }
     }
     lines
+}
+
+#[test]
+fn edits_that_no_line_could_hold_come_in_a_memfd() {
+    let daemon = Daemon::start(&lab::room()).unwrap();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/clients/large.py");
+    let output = Command::new("python3").arg(script).arg(daemon.socket()).arg("30000").output().unwrap();
+    let said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
+    let reply: Value = serde_json::from_str(&said).unwrap_or_else(|error| panic!("{error}: {said}"));
+    assert_eq!(reply["ok"]["durable"], false, "{said}");
+    let scene = daemon.client().unwrap().ask_ok("scene.get", json!({})).unwrap();
+    let ball = scene["edits"].as_array().unwrap().iter().find(|edit| edit["add"]["node"] == "ball").unwrap();
+    assert_eq!(ball["add"]["translation_m"], json!([1.0, 0.4, 0.0]), "not the last of them");
 }

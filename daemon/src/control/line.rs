@@ -1,12 +1,15 @@
 //! Lines in and bytes out, over a stream whose other end may be hostile: both are bounded in memory and in time.
 
 use lantern_proto::MAX_LINE_BYTES;
-use rustix::net::{RecvAncillaryBuffer, RecvFlags, ReturnFlags, recvmsg};
+use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
 use std::io::{self, IoSliceMut};
+use std::mem::MaybeUninit;
 use std::time::Duration;
 use tokio::io::Interest;
 use tokio::net::UnixStream;
 use tokio::time::timeout;
+
+use super::handed::{Handed, MAX_WAITING};
 
 /// How long a client may leave its end of the socket full before it is dropped.
 pub(crate) const WRITE_PATIENCE: Duration = Duration::from_secs(3);
@@ -18,12 +21,7 @@ const CHUNK_BYTES: usize = 64 << 10;
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Said {
     /// A line, its newline left off.
-    Line {
-        /// Its bytes.
-        bytes: Vec<u8>,
-        /// Whether file descriptors came with it. They were closed on arrival.
-        with_files: bool,
-    },
+    Line(Vec<u8>),
     /// More than a line may hold.
     TooLong,
     /// Nothing more will come.
@@ -36,7 +34,8 @@ pub(crate) struct Lines {
     buffer: Vec<u8>,
     /// Where the search for a newline goes on.
     searched: usize,
-    with_files: bool,
+    /// What came with them.
+    pub(crate) handed: Handed,
 }
 
 impl Lines {
@@ -51,7 +50,7 @@ impl Lines {
                 let mut bytes: Vec<u8> = self.buffer.drain(..=end).collect();
                 bytes.pop();
                 self.searched = 0;
-                return Ok(Said::Line { bytes, with_files: std::mem::take(&mut self.with_files) });
+                return Ok(Said::Line(bytes));
             }
             self.searched = self.buffer.len();
             if self.searched > MAX_LINE_BYTES {
@@ -61,27 +60,32 @@ impl Lines {
                 // A last line without its newline is a line all the same.
                 let bytes = std::mem::take(&mut self.buffer);
                 self.searched = 0;
-                let with_files = std::mem::take(&mut self.with_files);
-                return Ok(if bytes.is_empty() { Said::End } else { Said::Line { bytes, with_files } });
+                return Ok(if bytes.is_empty() { Said::End } else { Said::Line(bytes) });
             }
         }
     }
 
-    /// Reads what is there. With no room for descriptors the kernel closes those that come, and says so.
+    /// Reads what is there. Descriptors for which there is no room are closed by the kernel.
     async fn fill(&mut self, stream: &UnixStream) -> io::Result<usize> {
         let start = self.buffer.len();
         self.buffer.resize(start + CHUNK_BYTES, 0);
         let space = &mut self.buffer[start..];
         let received = stream
             .async_io(Interest::READABLE, || {
-                let mut descriptors = RecvAncillaryBuffer::default();
-                Ok(recvmsg(stream, &mut [IoSliceMut::new(space)], &mut descriptors, RecvFlags::empty())?)
+                let mut room = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MAX_WAITING))];
+                let mut came = RecvAncillaryBuffer::new(&mut room);
+                let flags = RecvFlags::CMSG_CLOEXEC;
+                let length = recvmsg(stream, &mut [IoSliceMut::new(space)], &mut came, flags)?.bytes;
+                for message in came.drain() {
+                    if let RecvAncillaryMessage::ScmRights(descriptors) = message {
+                        descriptors.for_each(|descriptor| self.handed.push(descriptor));
+                    }
+                }
+                Ok(length)
             })
             .await;
-        let length = received.as_ref().map_or(0, |received| received.bytes);
-        self.buffer.truncate(start + length);
-        self.with_files |= received?.flags.contains(ReturnFlags::CTRUNC);
-        Ok(length)
+        self.buffer.truncate(start + *received.as_ref().unwrap_or(&0));
+        received
     }
 }
 

@@ -5,6 +5,7 @@
 //! - `listener`: the socket file, of which one daemon at a time is the owner;
 //! - `server`: accepting clients, no more than the limit;
 //! - `session`: one client, its requests in order;
+//! - `handed`: edits that are too long for a line, in a memfd;
 //! - `line`: lines in, bytes out, neither without bounds.
 //!
 //! Everything here runs on tokio and waits for clients; the engine's methods run on its blocking threads, so that a
@@ -12,6 +13,7 @@
 
 pub mod engine;
 pub mod events;
+mod handed;
 mod line;
 mod listener;
 mod server;

@@ -6,6 +6,7 @@
 
 use super::engine::{Engine, Picture};
 use super::events::Subscription;
+use super::handed;
 use super::line::{Lines, Said, discard, write_all};
 use lantern_proto::{
     ErrorBody, EventKind, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, Subscribed,
@@ -14,6 +15,7 @@ use lantern_proto::{
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::io;
+use std::os::fd::OwnedFd;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -39,8 +41,9 @@ async fn converse(stream: &UnixStream, engine: Arc<dyn Engine>) -> io::Result<()
     let mut subscription = None;
     loop {
         match beside_events(stream, subscription.as_ref(), lines.next(stream)).await?? {
-            Said::Line { bytes, with_files } => {
-                let answered = answer(&bytes, with_files, engine.clone());
+            Said::Line(bytes) => {
+                let file = lines.handed.named_by(&bytes);
+                let answered = answer(bytes, file, engine.clone());
                 let (reply, rest) = beside_events(stream, subscription.as_ref(), answered).await?;
                 write_all(stream, &line_of(&reply)).await?;
                 match rest {
@@ -113,18 +116,12 @@ enum Rest {
 }
 
 /// The reply to a line, and what comes of it besides.
-async fn answer(line: &[u8], with_files: bool, engine: Arc<dyn Engine>) -> (Reply, Rest) {
+async fn answer(line: Vec<u8>, file: Option<Option<OwnedFd>>, engine: Arc<dyn Engine>) -> (Reply, Rest) {
     let refuse = |id: Option<Id>, error| (Reply { id, outcome: Outcome::Error(error) }, Rest::Nothing);
-    let parsed = parse_line(line);
-    if with_files {
-        let id = match parsed {
-            Ok(request) => Some(request.id),
-            Err(refusal) => refusal.id,
-        };
-        let error =
-            ErrorBody::new("not-built", "payloads in file descriptors are not built yet; hint: send them as JSON");
-        return refuse(id, error);
-    }
+    let parsed = match file {
+        None => parse_line(&line),
+        Some(file) => handed::parse(line, file).await,
+    };
     let Request { id, op } = match parsed {
         Ok(request) => request,
         Err(Refusal { id, error }) => return refuse(id, error),
