@@ -1,5 +1,6 @@
 """What a daemon has to bear beside the edits of a soak: a tracker, and clients of every sort."""
 
+import contextlib
 import json
 import os
 import pathlib
@@ -143,9 +144,17 @@ class Strangers:
         client.close()
 
     def many_at_once(self):
-        """More than there may be; those who are too many are told so."""
-        clients = [self.client() for _ in range(24)]
+        """More than there may be, all asking at the same time, which takes as many of the daemon's threads; those who are too many are told so."""
+        clients, answers = [self.client() for _ in range(24)], []
         for client in clients:
+            # Who is too many may have been hung up on already.
+            with contextlib.suppress(BrokenPipeError):
+                client.socket.sendall(b'{"id": 1, "op": "snapshot", "projector": "left", "layer": "color"}\n')
+        for client in clients:
+            answers.append(json.loads(client.stream.readline()))
             client.close()
+        refused = [answer for answer in answers if "error" in answer]
+        assert 0 < len(refused) < len(answers), f"{len(refused)} of {len(answers)} were refused"
+        assert all(answer["error"]["code"] in ("too-many-clients", "busy") for answer in refused), refused
         # Their places are free again when the daemon has seen them go.
         self.over.wait(0.5)
