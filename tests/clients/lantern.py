@@ -57,7 +57,8 @@ class Daemon:
     """A process of `lanternd run`, with a cache of its own. Where it ends by itself, whoever waits for it is told."""
 
     def __init__(self, program, config, path, log, validation=False, before=()):
-        surroundings = {**os.environ, "CACHE_DIRECTORY": str(log.parent / "cache"), "NO_COLOR": "1"}
+        # As lanternd.service has it.
+        surroundings = {"MALLOC_ARENA_MAX": "2", **os.environ, "CACHE_DIRECTORY": str(log.parent / "cache"), "NO_COLOR": "1"}
         if validation:
             surroundings["LANTERN_VALIDATION"] = "1"
         self.path, self.log = path, log
