@@ -47,6 +47,9 @@ pub struct DeviceStatus {
     pub driver: String,
     /// `cpu`, `integrated`, `discrete`, `virtual` or `other`.
     pub kind: String,
+    /// How often it was lost or hung since the start, and opened again.
+    #[serde(default)]
+    pub lost: u64,
     /// Messages of the validation layer so far; absent where the layer is off.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub validation_messages: Option<u64>,

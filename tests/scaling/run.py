@@ -12,11 +12,14 @@ triangles    One projector in a closed hall (../embree/hall.py) of 10 thousand t
 static       `lanternd run` on the demo: processor time of the whole process over ten seconds in which nothing changes.
 memory       `lanternd run` on the demo's scene with 1 to 4 projectors of 1280 × 800 pixels and 4 samples: growth of the process's
              resident memory, which on a software driver holds the device's, beside what `status` says.
+start        `lanternd run` after a `kill -9`, with everything in the caches: from the start of the process to where the scene is loaded, and from
+             there to where it answers, which it does once the first picture stands. Of the demo, and of a hall of a million triangles.
 
 Works on Linux alone (/proc). Halls are kept in target/scaling.
 """
 
 import argparse
+import datetime
 import json
 import math
 import os
@@ -181,6 +184,48 @@ def memory(options):
     print(f"for each more: {each[0]:.1f} MiB of the process, {each[1]:.1f} MiB by status")
 
 
+def started(options, config):
+    """Seconds to the loaded scene, and from there to the first answer; the daemon is killed then, as nobody would wish."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, "s")
+        words = [str(options.lanternd), "run", "-c", str(config), "--socket", path]
+        begun = time.time()
+        with open(os.path.join(folder, "log"), "w+") as log:
+            process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=log, env={**os.environ, "NO_COLOR": "1"})
+            while True:
+                if process.poll() is not None:
+                    raise SystemExit("lanternd has ended; hint: run it by hand")
+                try:
+                    with socket.socket(socket.AF_UNIX) as connection:
+                        connection.connect(path)
+                        connection.sendall(b'{"id": 1, "op": "hello"}\n')
+                        if connection.recv(1):
+                            break
+                except OSError:
+                    time.sleep(0.002)
+            answered = time.time()
+            process.kill()
+            process.wait()
+            log.seek(0)
+            loaded = next(line.split()[0] for line in log if "structures built=" in line)
+            loaded = datetime.datetime.fromisoformat(loaded.replace("Z", "+00:00")).timestamp()
+            return loaded - begun, answered - loaded
+
+
+def start(options):
+    mesh, hall_config = options.out / "hall-1000000.glb", options.out / "start-hall.toml"
+    if not mesh.exists():
+        hall.write(1_000_000, mesh)
+    hall_config.write_text((HERE.parent / "embree/hall.toml").read_text().replace("../../target/embree/hall.glb", str(mesh)))
+    demo_config = options.out / "start-demo.toml"
+    demo_config.write_text(demo(1, (1280, 800), {}))
+    print("scene   scene loaded, s   from there to the picture, s")
+    for name, config in (("demo", demo_config), ("hall", hall_config)):
+        # The first one fills the caches.
+        times = [started(options, config) for _ in range(options.rounds + 1)][1:]
+        print("{}   {:15.2f}   {:28.2f}".format(name, *(statistics.median(column) for column in zip(*times))))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--lanternd", type=pathlib.Path, default=REPOSITORY / "target/release/lanternd", help="the program to measure")
@@ -193,7 +238,7 @@ def main():
     options.out.mkdir(parents=True, exist_ok=True)
     if not options.lanternd.exists():
         raise SystemExit(f"there is no {options.lanternd}; hint: cargo build --release")
-    parts = {"projectors": projectors, "triangles": triangles, "static": static, "memory": memory}
+    parts = {"projectors": projectors, "triangles": triangles, "static": static, "memory": memory, "start": start}
     for name in options.parts.split(","):
         parts[name](options)
         print()

@@ -142,10 +142,18 @@ impl Client {
     /// As [`Client::ask_ok`].
     pub fn snapshot(&mut self, projector: &str, layer: &str) -> Result<(String, Vec<u8>)> {
         let head = self.ask_ok("snapshot", json!({"projector": projector, "layer": layer}))?;
+        Ok((head["format"].as_str().unwrap_or_default().to_owned(), self.bytes(&head)?))
+    }
+
+    /// The bytes that follow a snapshot's answer.
+    ///
+    /// # Errors
+    /// Where the connection ends before they have come.
+    pub fn bytes(&mut self, head: &Value) -> Result<Vec<u8>> {
         let length = head["bytes"].as_u64().with_context(|| format!("a snapshot without its length: {head}"))?;
         let mut bytes = vec![0; usize::try_from(length)?];
         self.stream.read_exact(&mut bytes).context("reading a snapshot")?;
-        Ok((head["format"].as_str().unwrap_or_default().to_owned(), bytes))
+        Ok(bytes)
     }
 
     /// Passes over what follows a snapshot's line.

@@ -155,8 +155,10 @@ impl Daemon {
                 daemon.join_reader();
                 return Ok(Err(Ended { status, stderr: daemon.log() }));
             }
-            if let Ok(mut client) = Client::connect(&daemon.socket) {
-                client.ask_ok("hello", serde_json::json!({}))?;
+            // One that ends before it is up closes the connections that wait for it.
+            let greeted =
+                Client::connect(&daemon.socket).and_then(|mut client| client.ask_ok("hello", serde_json::json!({})));
+            if greeted.is_ok() {
                 return Ok(Ok(daemon));
             }
             ensure!(started.elapsed() < START_LIMIT, "lanternd does not answer:\n{}", daemon.log());

@@ -16,9 +16,6 @@ use crate::release::Release;
 use crate::select;
 use crate::ticket::Ticket;
 
-/// How long the end of a process may wait for a device that has hung.
-const DROP_PATIENCE: Duration = Duration::from_secs(10);
-
 /// What was submitted to a device since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
@@ -120,6 +117,11 @@ impl Device {
         &self.handle.limits
     }
 
+    /// How long work may take: what takes longer has hung, and the device is as good as lost.
+    pub fn hung_after(&self) -> Duration {
+        self.handle.patience.limit()
+    }
+
     /// Whether it was opened with ray queries, so that shaders may bind a [`TopLevel`](crate::TopLevel).
     pub fn has_ray_queries(&self) -> bool {
         self.handle.ray_queries().is_ok()
@@ -207,7 +209,7 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        match self.rests_within(DROP_PATIENCE) {
+        match self.rests_within(self.handle.patience.at_the_end()) {
             // SAFETY: all work has completed, or the device is lost and does no more.
             Ok(true) | Err(GpuError::DeviceLost { .. }) => unsafe { self.release.clear() },
             hung => {

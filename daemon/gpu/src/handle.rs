@@ -13,6 +13,7 @@ use crate::features::Features;
 use crate::info::DeviceInfo;
 use crate::instance::Instance;
 use crate::naming::Naming;
+use crate::patience::Patience;
 use crate::ray_query::{self, RayQueries};
 
 /// Bytes of the memory blocks that objects share: small, so that a small scene shows as one, and growing with use.
@@ -83,6 +84,7 @@ pub(crate) struct DeviceHandle {
     /// Held shared while the host touches mapped memory, and exclusively while commands are submitted: so nothing
     /// starts to use mapped memory while the host is at it.
     pub(crate) gate: RwLock<()>,
+    pub(crate) patience: Patience,
 }
 
 impl DeviceHandle {
@@ -106,6 +108,7 @@ impl DeviceHandle {
         let handle = DeviceHandle {
             instance: Arc::clone(instance),
             naming,
+            patience: Patience::with(info.kind),
             limits: limits(instance, physical, serving.timestamp_valid_bits),
             info,
             features,

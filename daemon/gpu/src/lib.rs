@@ -19,6 +19,7 @@
 mod access;
 mod barrier;
 mod binding;
+mod budget;
 mod buffer;
 mod cache;
 mod command;
@@ -35,6 +36,7 @@ mod instance;
 mod layout;
 mod memory;
 mod naming;
+mod patience;
 mod pipeline;
 mod queue;
 mod ray_query;
@@ -50,6 +52,7 @@ mod timestamp;
 mod validation;
 
 pub use binding::{Bindings, Resource};
+pub use budget::MemoryBudget;
 pub use buffer::{Buffer, BufferKind, TexelFormat};
 pub use command::{Commands, CopyRegion, Draws, Load, Recorder};
 pub use device::{Device, Work};

@@ -33,6 +33,7 @@ impl Submission {
     /// [`GpuError::Timeout`] after `timeout`, with the work still going on; [`GpuError::DeviceLost`].
     pub fn wait(&self, timeout: Duration) -> Result<(), GpuError> {
         if !self.timeline.wait(self.value, timeout)? {
+            self.timeline.device().patience.waited(timeout);
             return Err(GpuError::Timeout { object: self.name.clone(), waited: timeout });
         }
         self.release.collect()

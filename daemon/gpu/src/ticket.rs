@@ -9,9 +9,6 @@ use ash::vk;
 use crate::error::GpuError;
 use crate::handle::DeviceHandle;
 
-/// How long a refused submission waits for those before it.
-const SKIP_PATIENCE: Duration = Duration::from_secs(60);
-
 /// The timeline semaphore of a queue: submission n sets it to n once it and all before it have completed.
 pub(crate) struct Timeline {
     device: Arc<DeviceHandle>,
@@ -75,7 +72,7 @@ impl Timeline {
     /// device that cannot even do this is lost, and ends all waits itself.
     pub(crate) fn skip_to(&self, submitted: u64, value: u64) {
         // What was submitted before still counts up, and a timeline never goes back.
-        if let Err(error) = self.wait(submitted, SKIP_PATIENCE) {
+        if let Err(error) = self.wait(submitted, self.device.patience.limit()) {
             tracing::error!(%error, value, "a queue's timeline stands still");
             return;
         }

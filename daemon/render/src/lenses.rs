@@ -65,18 +65,22 @@ impl Lenses {
         !self.written
     }
 
-    /// Writes them.
+    /// Writes them, where they have yet to be.
     ///
     /// # Errors
     /// What Vulkan says.
-    pub(crate) fn write(&mut self, recorder: &mut Recorder) -> Result<(), GpuError> {
+    pub(crate) fn write(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
         if !self.written {
             recorder.upload(&self.headers, 0, bytemuck::cast_slice(&self.of))?;
             recorder.upload(&self.grids, 0, bytemuck::cast_slice(&self.texels))?;
-            self.texels = Vec::new();
-            self.written = true;
         }
         Ok(())
+    }
+
+    /// What was recorded was submitted: it is kept here no longer.
+    pub(crate) fn written(&mut self) {
+        self.texels = Vec::new();
+        self.written = true;
     }
 
     pub(crate) fn list(&self, catalogue: Catalogue) -> Catalogue {

@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder};
 
-use crate::settings::HUNG_AFTER;
 use crate::targets::Targets;
 
 /// What of a projector's frame (CONTRACT, Layers of a snapshot).
@@ -52,7 +51,7 @@ pub(crate) fn read_words(device: &Arc<Device>, from: &Arc<Buffer>) -> Result<Vec
     let to = Buffer::new(device, "readback", BufferKind::Readback, bytes)?;
     let mut recorder = Recorder::new(device, 0, "readback")?;
     recorder.copy_buffer(from, 0, &to, 0, bytes)?;
-    device.submit(recorder.finish()?, &[])?.wait(HUNG_AFTER)?;
+    device.submit(recorder.finish()?, &[])?.wait(device.hung_after())?;
     let raw = to.read(0, bytes)?;
     Ok(bytemuck::pod_collect_to_vec(&raw))
 }

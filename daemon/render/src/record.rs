@@ -8,8 +8,6 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use lantern_gpu::{Buffer, BufferKind, Device, GpuError, Recorder};
 
-use crate::settings::HUNG_AFTER;
-
 /// Kinds of rays, by what they can meet and what ends them (CONTRACT, Roles). Twins of the `RAY_` constants in
 /// `shaders-glsl/include/record.glsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -134,7 +132,7 @@ pub(crate) fn begin(
     };
     let mut recorder = Recorder::new(device, 0, "records")?;
     recorder.upload(buffer, 0, bytemuck::bytes_of(&head))?;
-    device.submit(recorder.finish()?, &[])?.wait(HUNG_AFTER)
+    device.submit(recorder.finish()?, &[])?.wait(device.hung_after())
 }
 
 /// What a buffer has kept.
@@ -143,7 +141,7 @@ pub(crate) fn read(device: &Arc<Device>, buffer: &Arc<Buffer>) -> Result<Recorde
         let to = Buffer::new(device, "records read back", BufferKind::Readback, bytes)?;
         let mut recorder = Recorder::new(device, 0, "records")?;
         recorder.copy_buffer(buffer, 0, &to, 0, bytes)?;
-        device.submit(recorder.finish()?, &[])?.wait(HUNG_AFTER)?;
+        device.submit(recorder.finish()?, &[])?.wait(device.hung_after())?;
         to.read(0, bytes)
     };
     let head: RecordHead = bytemuck::pod_read_unaligned(&read(HEAD_BYTES)?);

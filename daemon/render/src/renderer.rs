@@ -20,7 +20,7 @@ use crate::projector::Projector;
 use crate::readback::{self, Layer, LayerImage};
 use crate::record::{self, RayKind, Recorded};
 use crate::scene_buffers::SceneBuffers;
-use crate::settings::{HUNG_AFTER, ProjectorSpec, Settings};
+use crate::settings::{ProjectorSpec, Settings};
 use crate::stale::{Change, Stale, stale_by};
 use crate::{RenderError, room};
 
@@ -365,6 +365,11 @@ impl Renderer {
         Ok(())
     }
 
+    /// The test pattern that each projector shows, in order.
+    pub fn patterns(&self) -> impl Iterator<Item = Pattern> {
+        self.projectors.iter().map(|p| p.pattern)
+    }
+
     /// Renders what is stale. `newest_viewers` is asked twice: to learn whether an eye has moved, and again right before the
     /// submissions, whose frames all show what that second answer says. `None`: nothing was stale, nothing was submitted.
     ///
@@ -386,7 +391,7 @@ impl Renderer {
         if !self.projectors.iter().any(|p| p.stale.any()) {
             // No frame comes that would be waited for, and what was replaced is to go.
             if let Some(sections) = sections {
-                sections.wait(HUNG_AFTER)?;
+                sections.wait(self.device.hung_after())?;
             }
             return Ok(None);
         }
@@ -414,7 +419,7 @@ impl Renderer {
             let own: Vec<&Submission> =
                 owners.iter().zip(&submissions).filter(|(owner, _)| **owner == index).map(|(_, s)| s).collect();
             let Some(last) = own.last() else { continue };
-            last.wait(HUNG_AFTER)?;
+            last.wait(self.device.hung_after())?;
             let completed = Instant::now();
             let frame_ms = (completed - begun).as_secs_f64() * 1e3;
             let spans = own.iter().flat_map(|submission| submission.spans());
@@ -519,6 +524,7 @@ impl Renderer {
             recorder.upload(&self.frusta, 0, bytemuck::cast_slice(&frusta))?;
             self.lenses.write(&mut recorder)?;
             sections = Some(self.device.submit(recorder.finish()?, &[])?);
+            self.lenses.written();
             self.frusta_written = true;
         }
         // What shaders read lies in other buffers only where these are bound anew, and looks the same either way.

@@ -15,7 +15,7 @@ use crate::jitter::sample_state;
 use crate::pipelines::Pipelines;
 use crate::readback::{LayerImage, Texels, read_words};
 use crate::record;
-use crate::settings::{HUNG_AFTER, Settings};
+use crate::settings::Settings;
 use crate::targets::COUNTER_WORDS;
 
 /// Whose light, on what.
@@ -74,7 +74,7 @@ pub(crate) fn render(
             recorder.dispatch(&pipelines.room, &bindings, bytemuck::bytes_of(&push), groups)?;
         }
     }
-    device.submit(recorder.finish()?, &[])?.wait(HUNG_AFTER)?;
+    device.submit(recorder.finish()?, &[])?.wait(device.hung_after())?;
     let words = read_words(device, &seen)?;
     let rgb = |c: &[u32]| [f32::from_bits(c[0]), f32::from_bits(c[1]), f32::from_bits(c[2])];
     Ok(LayerImage {

@@ -1,7 +1,5 @@
 //! How to render, and for whom: what the configuration decides.
 
-use std::time::Duration;
-
 use lantern_calibration::Calibration;
 
 use crate::loads::Loads;
@@ -90,6 +88,3 @@ impl Settings {
         self.shade_once && self.samples > 1
     }
 }
-
-/// Longer than any frame, even of a software driver: what takes longer has hung.
-pub(crate) const HUNG_AFTER: Duration = Duration::from_secs(60);

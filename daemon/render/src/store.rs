@@ -12,7 +12,6 @@ use lantern_gpu::{Buffer, BufferKind, CopyRegion, Device, GpuError, Recorder, Su
 use crate::arena::Arena;
 use crate::block::{Block, COLUMNS, Column, Key, SPACES};
 use crate::loads::Ways;
-use crate::settings::HUNG_AFTER;
 
 /// Bytes of the smallest buffer: of an empty one there is nothing to bind.
 pub(crate) const SMALLEST: u64 = 256;
@@ -178,7 +177,7 @@ impl Store {
         if !slice.is_empty() {
             while self.flying.len() >= FLYING {
                 if let Some(oldest) = self.flying.pop_front() {
-                    oldest.wait(HUNG_AFTER)?;
+                    oldest.wait(self.device.hung_after())?;
                 }
             }
             let (submission, bytes) = self.send(&slice)?;
@@ -186,7 +185,7 @@ impl Store {
             self.state.sent(&slice);
             advanced.bytes = bytes;
         } else if let Some(last) = self.flying.pop_back() {
-            last.wait(HUNG_AFTER)?;
+            last.wait(self.device.hung_after())?;
             self.flying.clear();
         }
         advanced.moved = self.state.settle();

@@ -32,6 +32,8 @@ fn of_daemon(page: &mut Page, status: &Status) {
     page.family("lantern_config_good", Kind::Gauge, help, one(good));
     let words = [("name", device.name.as_str()), ("driver", &device.driver), ("kind", &device.kind)];
     page.family("lantern_device_info", Kind::Gauge, "What renders", [sample(&words, 1.0)]);
+    let help = "Times that the device was lost or hung, and opened again";
+    page.family("lantern_device_losses_total", Kind::Counter, help, one(device.lost as f64));
     let messages = device.validation_messages.map(|count| sample(&[], count as f64));
     let help = "Messages of the validation layer, where it is on";
     page.family("lantern_device_validation_messages_total", Kind::Counter, help, messages);
@@ -219,6 +221,7 @@ mod tests {
                 name: "a \"device\"".to_owned(),
                 driver: "driver".to_owned(),
                 kind: "cpu".to_owned(),
+                lost: n.count(),
                 validation_messages: Some(n.count()),
             },
             scene: SceneStatus {

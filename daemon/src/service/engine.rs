@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use glam::{DQuat, DVec3};
 use lantern_config::Config;
-use lantern_gpu::{Device, Instance};
-use lantern_proto::status::{DeviceStatus, ProjectorStatus, QueueStatus, SceneStatus, TrackerStatus};
+use lantern_gpu::Instance;
+use lantern_proto::status::{DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
 use lantern_proto::{
     Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pattern, PatternRequest, Pose, Reloaded, SceneGet, Status,
 };
@@ -19,6 +19,7 @@ use lantern_tracking::Trackers;
 use super::background::Background;
 use super::frames::{Links, lock_editor};
 use super::origin::{self, Origin};
+use super::refusal::Refusal;
 use super::setup;
 use super::shared::{Lease, Request};
 use super::state::Store;
@@ -32,7 +33,6 @@ const PATIENCE: Duration = Duration::from_secs(120);
 pub struct DaemonEngine {
     start: Instant,
     instance: Arc<Instance>,
-    device: Arc<Device>,
     links: Links,
     trackers: Mutex<Trackers>,
     store: Option<Store>,
@@ -49,7 +49,7 @@ pub struct DaemonEngine {
 impl DaemonEngine {
     /// Over everything that is running.
     pub fn new(
-        (instance, device): (Arc<Instance>, Arc<Device>),
+        instance: Arc<Instance>,
         links: Links,
         trackers: Trackers,
         store: Option<Store>,
@@ -60,7 +60,6 @@ impl DaemonEngine {
         Self {
             start: Instant::now(),
             instance,
-            device,
             links,
             trackers: Mutex::new(trackers),
             store,
@@ -77,7 +76,7 @@ impl DaemonEngine {
     }
 
     /// Puts a request to the frame thread and waits for its answer.
-    fn ask<T>(&self, request: Request, answer: &Receiver<Result<T, String>>) -> Result<T, ErrorBody> {
+    fn ask<T>(&self, request: Request, answer: &Receiver<Result<T, Refusal>>) -> Result<T, ErrorBody> {
         if !self.links.shared.request(request) {
             if self.links.shared.stopping() {
                 return Err(stopping());
@@ -198,10 +197,10 @@ fn stopping() -> ErrorBody {
 }
 
 /// What the frame thread answered.
-fn heard<T>(answer: Result<Result<T, String>, RecvTimeoutError>) -> Result<T, ErrorBody> {
+fn heard<T>(answer: Result<Result<T, Refusal>, RecvTimeoutError>) -> Result<T, ErrorBody> {
     match answer {
         Ok(Ok(value)) => Ok(value),
-        Ok(Err(message)) => Err(ErrorBody::new("render-failed", message)),
+        Ok(Err(refusal)) => Err(refusal.into()),
         Err(RecvTimeoutError::Disconnected) => Err(stopping()),
         Err(RecvTimeoutError::Timeout) => Err(ErrorBody::new("render-failed", "the frame thread does not answer")),
     }
@@ -217,20 +216,17 @@ impl Engine for DaemonEngine {
     }
 
     fn status(&self) -> Status {
-        let info = self.device.info();
         let scene = self.links.shared.newest();
         let stats = self.links.stats.all();
         let config = self.config();
         let projectors = config.projectors.iter().enumerate().map(|(index, projector)| {
-            let queue = self.device.queue(index);
-            let shared = self.device.shares_queue(index, config.projectors.len());
             let seen = stats.get(&projector.name).cloned().unwrap_or_default();
             let status = ProjectorStatus {
                 resolution_px: projector.resolution_px,
                 output: "headless".to_owned(),
                 frames: seen.frames,
                 missed: seen.missed,
-                queue: QueueStatus { family: queue.family, index: queue.index, shared },
+                queue: self.links.hardware.queue(index, config.projectors.len()),
                 frame_ms: seen.frame_ms(),
                 stages_ms: seen.stages_ms,
                 pose_to_submit_ms: seen.pose_to_submit_ms,
@@ -246,13 +242,11 @@ impl Engine for DaemonEngine {
             uptime_s: self.start.elapsed().as_secs_f64(),
             config: self.origin.status(),
             device: DeviceStatus {
-                name: info.name.clone(),
-                driver: format!("{} {}", info.driver_name, info.driver_info),
-                kind: info.kind.to_owned(),
                 validation_messages: self
                     .instance
                     .is_validating()
                     .then(|| self.instance.validation_messages().len() as u64),
+                ..self.links.hardware.device()
             },
             scene: SceneStatus {
                 revision: scene.revision,

@@ -1,6 +1,6 @@
 //! The frame thread: it alone talks to the device, sleeps while nothing changes, and shows one snapshot on all projectors.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
@@ -10,13 +10,16 @@ use glam::DVec3;
 use lantern_gpu::Device;
 use lantern_proto::EventKind;
 use lantern_proto::event::{Event, FrameEvent, SceneEvent};
-use lantern_render::{Pattern, ProjectorSpec, RenderError, Renderer, Settings};
+use lantern_render::{ProjectorSpec, RenderError, Renderer, Settings};
 use lantern_scene::{Editor, Scene};
 use lantern_tracking::Bodies;
 
 use super::carried::Carried;
+use super::hardware::Hardware;
 use super::ledger::{Ledger, shown_poses};
 use super::monotonic;
+use super::recovery::Attempts;
+use super::refusal::{Refusal, is_loss};
 use super::shared::{Lease, Request, Shared, Turn};
 use super::sight::{Frame, Sight};
 use super::stats::Stats;
@@ -49,6 +52,8 @@ pub struct Links {
     pub bodies: Arc<Bodies>,
     /// Where frames are counted.
     pub stats: Arc<Stats>,
+    /// What the device is.
+    pub hardware: Arc<Hardware>,
     /// How old the poses of frames were.
     pub ledger: Arc<Ledger>,
     /// Who wants to hear of frames and revisions.
@@ -57,18 +62,39 @@ pub struct Links {
     pub editor: Arc<Mutex<Editor>>,
 }
 
-/// Why the frame thread ended.
-pub type Ended = Result<(), RenderError>;
+/// What ends the frame thread before it is told to.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameError {
+    /// The first frame cannot be made.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// The device was lost, and cannot be had again.
+    #[error("{loss}, and {attempts} attempts to open the device again have failed; the last one: {last}")]
+    GaveUp {
+        /// How many there were.
+        attempts: u32,
+        /// What the loss looked like.
+        loss: String,
+        /// Why the last attempt failed.
+        last: String,
+    },
+}
+
+/// How the frame thread ended.
+pub type Ended = Result<(), FrameError>;
+
+/// Opens the device: the first time, and whenever it was lost.
+pub type Open = Box<dyn Fn() -> anyhow::Result<Arc<Device>> + Send>;
 
 /// Hears once, when the first frame stands or cannot.
 pub type FirstFrame = Receiver<Result<(), String>>;
 
-/// Starts the thread.
+/// Starts the thread on an open device, and with the means to open it again.
 ///
 /// # Errors
 /// When the system has no thread to give.
 pub fn start(
-    device: Arc<Device>,
+    (device, open): (Arc<Device>, Open),
     setup: Setup,
     links: Links,
     frames: Option<u64>,
@@ -76,7 +102,7 @@ pub fn start(
     let (first, ready) = sync_channel(1);
     let thread = std::thread::Builder::new().name("frames".into()).spawn(move || {
         let shared = links.shared.clone();
-        let ended = FrameThread::new(device, setup, links, frames).and_then(|mut t| t.run(&first));
+        let ended = work((device, open), setup, links, frames, &first);
         // However it ended, nobody is to wait for it.
         shared.stop();
         if let Err(error) = &ended {
@@ -87,53 +113,95 @@ pub fn start(
     Ok((thread, ready))
 }
 
-struct FrameThread {
-    device: Arc<Device>,
-    renderer: Renderer,
+/// Shows frames until it is told to stop, on one device after the other where they are lost.
+fn work(
+    on: (Arc<Device>, Open),
+    setup: Setup,
     links: Links,
-    /// The clock of the fastest projector: all projectors of a frame share one.
-    clock: Headless,
-    /// How frames see the bodies.
-    sight: Sight,
-    carried: Carried,
-    /// Stop when every projector has shown so many.
     frames: Option<u64>,
+    first: &SyncSender<Result<(), String>>,
+) -> Ended {
+    let mut thread = FrameThread::new(on, setup, links, frames)?;
+    loop {
+        match thread.run(first) {
+            // What cannot be shown at all is for whoever starts the daemon to hear.
+            Err(error) if thread.frame > 0 => match thread.recover(&error)? {
+                Some(again) => thread = again,
+                None => return Ok(()),
+            },
+            ended => return Ok(ended?),
+        }
+    }
+}
+
+/// What the thread has.
+pub(super) struct FrameThread {
+    pub(super) device: Arc<Device>,
+    pub(super) renderer: Renderer,
+    pub(super) open: Open,
+    pub(super) attempts: Attempts,
+    pub(super) links: Links,
+    /// The clock of the fastest projector: all projectors of a frame share one.
+    pub(super) clock: Headless,
+    /// How frames see the bodies.
+    pub(super) sight: Sight,
+    pub(super) carried: Carried,
+    /// The scene that is shown; the renderer's may be on its way.
+    pub(super) shown: Arc<Scene>,
+    /// A revision that cannot be shown, while it is the newest.
+    pub(super) refused: Option<u64>,
+    /// What was asked and is not answered yet.
+    pub(super) requests: VecDeque<Request>,
+    /// Stop when every projector has shown so many.
+    pub(super) frames: Option<u64>,
     /// Frames of the whole set so far.
-    frame: u64,
+    pub(super) frame: u64,
     /// The last refresh that counted as a picture that stayed.
-    counted_refresh: u64,
+    pub(super) counted_refresh: u64,
     /// The last revision that subscribers were told of.
-    told_revision: u64,
+    pub(super) told_revision: u64,
     /// What is brought to the device ahead of revisions made of it.
-    prepared: Vec<Prepared>,
-    watchdog: Watchdog,
+    pub(super) prepared: Vec<Prepared>,
+    pub(super) watchdog: Watchdog,
 }
 
 /// A scene that is to be on the device before a revision is made of it.
-struct Prepared {
-    scene: Arc<Scene>,
-    lease: Weak<Lease>,
+pub(super) struct Prepared {
+    pub(super) scene: Arc<Scene>,
+    pub(super) lease: Weak<Lease>,
     /// Who waits for it; nobody once it is there.
-    reply: Option<SyncSender<Result<(), String>>>,
+    pub(super) reply: Option<SyncSender<Result<(), Refusal>>>,
 }
 
-fn clock_of(refresh_hz: &[f64]) -> Headless {
+pub(super) fn clock_of(refresh_hz: &[f64]) -> Headless {
     Headless::new(refresh_hz.iter().copied().fold(1.0, f64::max), Instant::now())
 }
 
 impl FrameThread {
-    fn new(device: Arc<Device>, setup: Setup, links: Links, frames: Option<u64>) -> Result<Self, RenderError> {
+    fn new(
+        (device, open): (Arc<Device>, Open),
+        setup: Setup,
+        links: Links,
+        frames: Option<u64>,
+    ) -> Result<Self, RenderError> {
+        links.hardware.opened(&device);
         let (clock, sight) = (clock_of(&setup.refresh_hz), Sight::new(links.bodies.clone(), setup.output_latency));
         let carried = Carried::new(setup.projectors.clone(), setup.homes_m);
+        let shown = setup.scene.clone();
         let renderer = Renderer::new(&device, setup.projectors, setup.settings, setup.scene)?;
         links.stats.set_projectors(&renderer);
         Ok(Self {
             device,
             renderer,
+            open,
+            attempts: Attempts::default(),
             links,
             clock,
             sight,
             carried,
+            shown,
+            refused: None,
+            requests: VecDeque::new(),
             frames,
             frame: 0,
             counted_refresh: 0,
@@ -143,7 +211,7 @@ impl FrameThread {
         })
     }
 
-    fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Ended {
+    fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Result<(), RenderError> {
         loop {
             // Asleep until something changes; where frames are counted or bodies go on moving, until the next refresh at the latest;
             // and not at all while something is on its way to the device. The watchdog wants to hear of it now and then all the same.
@@ -165,8 +233,9 @@ impl FrameThread {
     }
 
     /// One frame, where anything is stale, and then the requests.
-    fn turn(&mut self, turn: Turn) -> Ended {
+    fn turn(&mut self, turn: Turn) -> Result<(), RenderError> {
         let began = Instant::now();
+        self.requests.extend(turn.requests);
         let moved = self.sight.place_nodes(&self.links.editor, began);
         if let Some(scene) = &moved {
             self.links.shared.publish_shown(scene);
@@ -176,10 +245,11 @@ impl FrameThread {
         } else {
             self.sight.carry_nothing();
         }
-        let scene = moved.unwrap_or(turn.scene);
-        let revision = scene.revision;
-        let before = self.renderer.scene().clone();
-        self.renderer.set_scene(scene);
+        let mut scene = moved.unwrap_or(turn.scene);
+        if self.refused == Some(scene.revision) {
+            scene = self.shown.clone();
+        }
+        self.renderer.set_scene(scene.clone());
         let rendered = match self.show(began) {
             Ok(rendered) => {
                 // Perhaps still the one before: then whoever waits for this one goes on doing so.
@@ -187,24 +257,15 @@ impl FrameThread {
                 self.tell_of_revision();
                 rendered
             }
+            Err(error) if is_loss(&error) || self.frame == 0 => return Err(error),
             Err(error) => {
-                // A scene that the device cannot take is its client's to hear of; what was shown before it stays.
-                self.links.shared.shown(revision, Err(error.to_string()));
-                if is_fatal(&error) || self.frame == 0 {
-                    return Err(error);
-                }
-                tracing::warn!(revision, %error, "this revision cannot be shown; the one before stays");
-                self.renderer.set_scene(before);
-                for prepared in self.prepared.drain(..).filter_map(|prepared| prepared.reply) {
-                    let _ = prepared.send(Err(error.to_string()));
-                }
-                self.renderer.prepare(Vec::new())?;
+                self.keep_what_is_shown(&scene, &error)?;
                 self.show(began)?
             }
         };
         self.attend_to_prepared()?;
-        for request in turn.requests {
-            self.serve(request);
+        while let Some(request) = self.requests.pop_front() {
+            self.serve(request)?;
             // Each may take seconds, and all of them longer than the watchdog waits.
             self.watchdog.feed(Instant::now());
         }
@@ -216,8 +277,34 @@ impl FrameThread {
         Ok(())
     }
 
+    /// A scene that the device cannot take is its client's to hear of; what was shown before it stays.
+    fn keep_what_is_shown(&mut self, scene: &Arc<Scene>, error: &RenderError) -> Result<(), RenderError> {
+        let revision = scene.revision;
+        tracing::warn!(revision, %error, "this revision cannot be shown; the one before stays");
+        if revision != self.shown.revision {
+            let refusal = Refusal::of_scene(error, &self.shown, scene, &self.device);
+            self.refuse_revision(revision, refusal);
+        }
+        self.renderer.set_scene(self.shown.clone());
+        for prepared in self.prepared.drain(..) {
+            let refusal = || Refusal::of_scene(error, &self.shown, &prepared.scene, &self.device);
+            if let Some(reply) = &prepared.reply {
+                let _ = reply.send(Err(refusal()));
+            }
+        }
+        self.renderer.prepare(Vec::new())
+    }
+
+    /// Whoever made a revision hears that it is not shown, and takes it back; until then it is passed over. One that bodies have made
+    /// nobody takes back, and it is tried again.
+    fn refuse_revision(&mut self, revision: u64, refusal: Refusal) {
+        if self.links.shared.shown(revision, Err(refusal)) {
+            self.refused = Some(revision);
+        }
+    }
+
     /// Answers for what has come to the device, and lets go of what nobody needs there any more.
-    fn attend_to_prepared(&mut self) -> Ended {
+    fn attend_to_prepared(&mut self) -> Result<(), RenderError> {
         for prepared in &mut self.prepared {
             if let Some(reply) = prepared.reply.take_if(|_| self.renderer.is_prepared(&prepared.scene)) {
                 let _ = reply.send(Ok(()));
@@ -232,9 +319,11 @@ impl FrameThread {
     }
 
     /// Renders what is stale, and counts it; false where nothing was.
-    fn show(&mut self, began: Instant) -> Result<bool, RenderError> {
+    pub(super) fn show(&mut self, began: Instant) -> Result<bool, RenderError> {
         let frame = self.sight.render(&mut self.renderer, began)?;
+        self.shown = self.renderer.scene().clone();
         if let Some(frame) = &frame {
+            self.attempts.showed();
             self.count(frame, began);
         } else {
             // A picture that stays counts as shown once a refresh, however often the thread is woken meanwhile.
@@ -246,7 +335,7 @@ impl FrameThread {
         Ok(frame.is_some())
     }
 
-    fn count(&mut self, frame: &Frame, began: Instant) {
+    pub(super) fn count(&mut self, frame: &Frame, began: Instant) {
         let report = &frame.report;
         self.frame += 1;
         // Refreshes that passed while the frame was made, but for the one that it was made for.
@@ -276,7 +365,7 @@ impl FrameThread {
     }
 
     /// Tells of the revision that is shown, once of each.
-    fn tell_of_revision(&mut self) {
+    pub(super) fn tell_of_revision(&mut self) {
         let scene = self.renderer.scene();
         let (revision, nodes) = (scene.revision, scene.nodes.len() as u64);
         if std::mem::replace(&mut self.told_revision, revision) != revision {
@@ -290,109 +379,6 @@ impl FrameThread {
             self.links.events.tell(kind, event());
         }
     }
-
-    fn serve(&mut self, request: Request) {
-        // Whoever asked may have gone.
-        match request {
-            Request::Read { projector, layer, reply } => {
-                let index = self.renderer.projectors().position(|p| p.name == projector);
-                let _ = reply.send(match index {
-                    Some(index) => self.renderer.read(index, layer).map_err(|e| e.to_string()),
-                    None => Err(format!("the projector `{projector}` has gone")),
-                });
-            }
-            Request::Room { projector, reply } => {
-                let of = self.renderer.projectors().find(|p| p.name == projector);
-                let size_px = of.map(|p| p.calibration.resolution_px().to_array());
-                let room = match (self.sight.eyes().first(), size_px) {
-                    (Some(eye), Some(size_px)) => self.renderer.room(*eye, size_px).map_err(|e| e.to_string()),
-                    (None, _) => Err("no body drives the viewer any more".into()),
-                    (_, None) => Err(format!("the projector `{projector}` has gone")),
-                };
-                let _ = reply.send(room);
-            }
-            Request::Pattern { projector, pattern, reply } => {
-                let _ = reply.send(self.set_pattern(projector.as_deref(), pattern).map_err(|e| e.to_string()));
-            }
-            Request::Prepare { scene, lease, reply } => {
-                let others = self.prepared.iter().map(|prepared| prepared.scene.clone());
-                match self.renderer.prepare(others.chain([scene.clone()]).collect()) {
-                    Ok(()) => self.prepared.push(Prepared { scene, lease, reply: Some(reply) }),
-                    Err(error) => drop(reply.send(Err(error.to_string()))),
-                }
-            }
-            Request::Reconfigure { setup, reply } => {
-                let _ = reply.send(self.reconfigure(*setup).map_err(|e| e.to_string()));
-            }
-        }
-    }
-
-    /// Shows a pattern on one projector, or on all.
-    fn set_pattern(&mut self, projector: Option<&str>, pattern: Pattern) -> Ended {
-        let names: Vec<_> = self.renderer.projectors().map(|p| p.name.clone()).collect();
-        for (index, name) in names.iter().enumerate() {
-            if projector.is_none_or(|wanted| wanted == name) {
-                self.renderer.set_pattern(index, pattern)?;
-            }
-        }
-        self.show(Instant::now()).map(drop)
-    }
-
-    /// Takes another setup and shows it, or keeps the old one where the new one cannot be made or shown.
-    fn reconfigure(&mut self, setup: Setup) -> Ended {
-        let began = Instant::now();
-        let carried = Carried::new(setup.projectors, setup.homes_m);
-        let projectors = carried.at(self.sight.carrying(began));
-        let frame = if setup.settings == *self.renderer.settings() {
-            let before = (self.renderer.projectors().cloned().collect(), self.renderer.scene().clone());
-            let taken = self.take(projectors, setup.scene, began);
-            if taken.as_ref().is_err_and(|error| !is_fatal(error)) {
-                self.take(before.0, before.1, began)?;
-            }
-            taken?
-        } else {
-            let mut renderer = Renderer::new(&self.device, projectors, setup.settings, setup.scene)?;
-            let frame = self.sight.render(&mut renderer, began)?;
-            self.renderer = renderer;
-            // What was brought to the device for others has gone with the old one.
-            self.renderer.prepare(self.prepared.iter().map(|prepared| prepared.scene.clone()).collect())?;
-            frame
-        };
-        self.carried = carried;
-        self.sight.set_output_latency(setup.output_latency);
-        self.links.shared.publish_shown(self.renderer.scene());
-        self.links.stats.set_projectors(&self.renderer);
-        self.clock = clock_of(&setup.refresh_hz);
-        self.counted_refresh = 0;
-        if let Some(frame) = frame {
-            self.count(&frame, began);
-        }
-        self.tell_of_revision();
-        Ok(())
-    }
-
-    /// Shows a scene on these projectors.
-    fn take(
-        &mut self,
-        projectors: Vec<ProjectorSpec>,
-        scene: Arc<Scene>,
-        began: Instant,
-    ) -> Result<Option<Frame>, RenderError> {
-        self.renderer.set_projectors(projectors)?;
-        self.renderer.set_scene(scene);
-        let mut frame = self.sight.render(&mut self.renderer, began)?;
-        while self.renderer.is_pending() {
-            self.watchdog.feed(Instant::now());
-            frame = self.sight.render(&mut self.renderer, began)?.or(frame);
-        }
-        Ok(frame)
-    }
-}
-
-/// Whether nothing can be shown any more, whatever the scene.
-fn is_fatal(error: &RenderError) -> bool {
-    use lantern_gpu::GpuError::{DeviceLost, Timeout};
-    matches!(error, RenderError::Gpu(DeviceLost { .. } | Timeout { .. }))
 }
 
 /// Locks the editor; what a panicking edit left is the last published revision.

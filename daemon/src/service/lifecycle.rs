@@ -13,7 +13,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::background::Background;
 use super::engine::DaemonEngine;
-use super::frames::{self, Links};
+use super::frames::{self, Links, Open};
 use super::hearsay;
 use super::origin::{LoadedFrom, Origin};
 use super::panics;
@@ -72,9 +72,13 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let Counts { built, cached } = loaded.editor.structures().counts();
     tracing::info!("structures built={built} cached={cached}");
     let instance = open_vulkan()?;
-    let device = open_device(&instance, &loaded.config)?;
+    // Opened once more where it is lost; as the configuration has it now, since a reload leaves `[device]` alone.
+    let again = (instance.clone(), loaded.config.clone());
+    let open: Open = Box::new(move || open_device(&again.0, &again.1));
+    let device = open()?;
     tracing::info!(device = device.info().name, driver = device.info().driver_info, "rendering");
-    let served = serve(&runtime, signals, options, (loaded, sources), listener, (origin, store), (instance, device));
+    let served =
+        serve(&runtime, signals, options, (loaded, sources), listener, (origin, store), (instance, device, open));
 
     // A request that still reads a large file is nobody's any more.
     runtime.shutdown_timeout(STOP_PATIENCE);
@@ -142,9 +146,9 @@ fn serve(
     (loaded, sources): LoadedFrom,
     listener: control::Listener,
     (origin, store): (Origin, Option<Store>),
-    vulkan: (Arc<Instance>, Arc<Device>),
+    vulkan: (Arc<Instance>, Arc<Device>, Open),
 ) -> anyhow::Result<()> {
-    let (instance, device) = vulkan;
+    let (instance, device, open) = vulkan;
     let scene = loaded.editor.current();
     let bodies = Arc::new(Bodies::new(&loaded.config.bodies));
     let shared = Shared::new(scene.clone());
@@ -155,6 +159,7 @@ fn serve(
         shared: shared.clone(),
         bodies,
         stats: Arc::new(Stats::default()),
+        hardware: Arc::default(),
         ledger: Arc::default(),
         events: Arc::default(),
         editor: Arc::new(Mutex::new(loaded.editor)),
@@ -165,7 +170,7 @@ fn serve(
     // The first picture stands before anybody is told that the daemon is there.
     let shows = format!("{} projectors; {} nodes at the start", loaded.projectors.len(), scene.nodes.len());
     let setup = setup::setup(&loaded.config, loaded.projectors.clone(), scene);
-    let (thread, ready) = frames::start(device.clone(), setup, links.clone(), options.frames)?;
+    let (thread, ready) = frames::start((device, open), setup, links.clone(), options.frames)?;
     ready
         .recv()
         .map_err(|_| anyhow!("the frame thread has gone"))?
@@ -177,7 +182,7 @@ fn serve(
     let background = Background::start().context("a thread to build structures on")?;
     let metrics_at = loaded.config.metrics.listen;
     let (shows, configured) = (origin.words(&shows), (loaded.config, loaded.projectors));
-    let engine = DaemonEngine::new((instance, device), links, trackers, store, background, origin, configured);
+    let engine = DaemonEngine::new(instance, links, trackers, store, background, origin, configured);
     let engine = Arc::new(engine);
     let at = |address| metrics::Server::start(runtime.handle(), address, engine.clone());
     let metrics = metrics_at.map(at).transpose()?;

@@ -9,6 +9,7 @@ use lantern_render::{Layer, LayerImage, Pattern};
 use lantern_scene::Scene;
 
 use super::frames::Setup;
+use super::refusal::Refusal;
 
 /// Requests that may wait; one more is refused.
 const MAX_REQUESTS: usize = 64;
@@ -22,14 +23,14 @@ pub enum Request {
         /// Which layer.
         layer: Layer,
         /// Where the answer goes.
-        reply: SyncSender<Result<LayerImage, String>>,
+        reply: SyncSender<Result<LayerImage, Refusal>>,
     },
     /// What the viewer sees of the lit props, in a projector's resolution.
     Room {
         /// Its name.
         projector: String,
         /// Where the answer goes.
-        reply: SyncSender<Result<LayerImage, String>>,
+        reply: SyncSender<Result<LayerImage, Refusal>>,
     },
     /// A test pattern instead of the scene, or the scene again.
     Pattern {
@@ -38,7 +39,7 @@ pub enum Request {
         /// Which.
         pattern: Pattern,
         /// Where the answer goes, once it is shown.
-        reply: SyncSender<Result<(), String>>,
+        reply: SyncSender<Result<(), Refusal>>,
     },
     /// What a scene holds, brought to the device beside the frames, ahead of a revision made of it.
     Prepare {
@@ -47,14 +48,14 @@ pub enum Request {
         /// Where nobody holds it any more, what was brought need not stay for its sake.
         lease: Weak<Lease>,
         /// Where the answer goes, once everything is there.
-        reply: SyncSender<Result<(), String>>,
+        reply: SyncSender<Result<(), Refusal>>,
     },
     /// Other projectors or settings.
     Reconfigure {
         /// All of them.
         setup: Box<Setup>,
         /// Where the answer goes.
-        reply: SyncSender<Result<(), String>>,
+        reply: SyncSender<Result<(), Refusal>>,
     },
 }
 
@@ -70,7 +71,7 @@ impl Drop for Lease {
 /// Somebody who waits for a revision to be shown.
 struct Waiter {
     revision: u64,
-    reply: SyncSender<Result<u64, String>>,
+    reply: SyncSender<Result<u64, Refusal>>,
 }
 
 struct Inner {
@@ -136,7 +137,7 @@ impl Shared {
     }
 
     /// Publishes a revision, if it is newer than the one there. The receiver gets the number of the first frame that shows it.
-    pub fn publish(&self, scene: Arc<Scene>) -> Receiver<Result<u64, String>> {
+    pub fn publish(&self, scene: Arc<Scene>) -> Receiver<Result<u64, Refusal>> {
         let (reply, shown) = sync_channel(1);
         let mut inner = self.lock();
         if inner.stop {
@@ -209,16 +210,17 @@ impl Shared {
         self.lock().scene.clone()
     }
 
-    /// Tells those who wait that `revision` is shown since `frame`, or why it cannot be.
-    pub fn shown(&self, revision: u64, frame: Result<u64, String>) {
+    /// Tells those who wait that `revision` is shown since `frame`, or why it cannot be; false where nobody waits.
+    pub fn shown(&self, revision: u64, frame: Result<u64, Refusal>) -> bool {
         let mut inner = self.lock();
         let waiters = std::mem::take(&mut inner.waiters);
         let (done, waiting): (Vec<_>, Vec<_>) = waiters.into_iter().partition(|w| w.revision <= revision);
         inner.waiters = waiting;
         drop(inner);
-        for waiter in done {
+        for waiter in &done {
             // Nobody may be there any more to hear it.
             let _ = waiter.reply.send(frame.clone());
         }
+        !done.is_empty()
     }
 }

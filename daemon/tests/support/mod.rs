@@ -41,6 +41,7 @@ impl Engine for FakeEngine {
                 name: "llvmpipe (fake)".into(),
                 driver: "1".into(),
                 kind: "cpu".into(),
+                lost: 0,
                 validation_messages: None,
             },
             scene: SceneStatus {

@@ -1,0 +1,165 @@
+//! A device that is lost, or hangs, is opened again, and what was shown is shown again.
+//!
+//! Everything on the lost device goes first, so that its memory is free; then the same device is opened, with the same pipelines from
+//! the cache, and shows the newest revision on the same projectors with the same test patterns. Where that revision was never shown
+//! and the device is lost over it once more, the one that was shown last is, and the newest is refused. Frames and revisions count on.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use lantern_gpu::Device;
+use lantern_render::{Pattern, ProjectorSpec, RenderError, Renderer, Settings};
+use lantern_scene::Scene;
+
+use super::frames::{FrameError, FrameThread};
+use super::refusal::Refusal;
+use super::sight::Frame;
+
+/// Times in a row that a device is opened again. What fails then may be the driver or the bus; another process has better chances.
+const ATTEMPTS: u32 = 6;
+/// The wait before the second attempt; each later one is twice as long.
+const FIRST_WAIT: Duration = Duration::from_millis(250);
+
+/// How often, and how soon, a device is opened again.
+#[derive(Debug, Default)]
+pub(super) struct Attempts {
+    in_a_row: u32,
+}
+
+impl Attempts {
+    /// How long to wait before another attempt; none where there have been enough.
+    fn next(&mut self) -> Option<Duration> {
+        self.in_a_row += 1;
+        match self.in_a_row {
+            1 => Some(Duration::ZERO),
+            n if n <= ATTEMPTS => Some(FIRST_WAIT * 2u32.pow(n - 2)),
+            _ => None,
+        }
+    }
+
+    /// Something new was shown, which is more than what is shown right after the device was opened: the next loss is the first again.
+    pub(super) fn showed(&mut self) {
+        self.in_a_row = 0;
+    }
+}
+
+/// What a renderer is to show, whichever device it is on.
+struct Wanted {
+    projectors: Vec<ProjectorSpec>,
+    patterns: Vec<(String, Pattern)>,
+    settings: Settings,
+    prepared: Vec<Arc<Scene>>,
+}
+
+impl Wanted {
+    /// A renderer on a device that shows a scene.
+    fn on(&self, device: &Arc<Device>, scene: &Arc<Scene>) -> Result<Renderer, RenderError> {
+        let mut renderer = Renderer::new(device, self.projectors.clone(), self.settings, scene.clone())?;
+        for (at, projector) in self.projectors.iter().enumerate() {
+            if let Some((_, pattern)) = self.patterns.iter().find(|(name, _)| *name == projector.name) {
+                renderer.set_pattern(at, *pattern)?;
+            }
+        }
+        renderer.prepare(self.prepared.clone())?;
+        Ok(renderer)
+    }
+}
+
+impl FrameThread {
+    /// Shows what was shown before `loss` on a device that is opened anew; `None` where it is told to stop meanwhile.
+    ///
+    /// # Errors
+    /// [`FrameError::GaveUp`] where the device cannot be had again.
+    pub(super) fn recover(mut self, loss: &RenderError) -> Result<Option<Self>, FrameError> {
+        tracing::error!("{loss}; nothing is shown until the device is open again");
+        self.links.hardware.lost();
+        let began = Instant::now();
+        let name = |p: &ProjectorSpec| p.name.clone();
+        let wanted = Wanted {
+            projectors: self.carried.at(self.sight.carrying(began)),
+            patterns: self.renderer.projectors().map(name).zip(self.renderer.patterns()).collect(),
+            settings: *self.renderer.settings(),
+            prepared: self.prepared.iter().map(|prepared| prepared.scene.clone()).collect(),
+        };
+        let newest = self.links.shared.newest();
+        let mut scene = if self.refused == Some(newest.revision) { self.shown.clone() } else { newest.clone() };
+
+        // All of the old device goes before the new one comes.
+        drop(self.renderer);
+        drop(self.device);
+        let mut last = loss.to_string();
+        let (device, renderer, frame): (Arc<Device>, Renderer, Option<Frame>) = loop {
+            let Some(wait) = self.attempts.next() else {
+                return Err(FrameError::GaveUp { attempts: ATTEMPTS, loss: loss.to_string(), last });
+            };
+            self.links.shared.pause(Instant::now() + wait);
+            if self.links.shared.stopping() {
+                return Ok(None);
+            }
+            self.watchdog.feed(Instant::now());
+            let device = match (self.open)() {
+                Ok(device) => device,
+                Err(error) => {
+                    last = format!("{error:#}");
+                    tracing::warn!("the device cannot be opened: {last}");
+                    continue;
+                }
+            };
+            let began = Instant::now();
+            let shown = wanted.on(&device, &scene).and_then(|mut renderer| {
+                let frame = self.sight.render(&mut renderer, began)?;
+                Ok((renderer, frame))
+            });
+            match shown {
+                Ok((renderer, frame)) => break (device, renderer, frame),
+                Err(error) => {
+                    last = error.to_string();
+                    tracing::warn!(revision = scene.revision, "the device was opened, and shows nothing: {last}");
+                    // It may be this revision that it is lost over.
+                    if scene.revision != self.shown.revision {
+                        let refusal = Refusal::of_scene(&error, &self.shown, &scene, &device);
+                        if self.links.shared.shown(scene.revision, Err(refusal)) {
+                            self.refused = Some(scene.revision);
+                        }
+                        scene = self.shown.clone();
+                    }
+                }
+            }
+        };
+
+        let mut again = Self { device, renderer, ..self };
+        again.links.hardware.opened(&again.device);
+        again.links.stats.set_projectors(&again.renderer);
+        if let Some(frame) = frame {
+            again.count(&frame, began);
+        }
+        again.shown = again.renderer.scene().clone();
+        let revision = again.shown.revision;
+        again.links.shared.shown(revision, Ok(again.frame));
+        again.tell_of_revision();
+        tracing::info!(
+            device = again.device.info().name,
+            revision,
+            dark_ms = began.elapsed().as_millis(),
+            "shows again"
+        );
+        // Requests may wait, and bodies may have moved.
+        again.links.shared.stir();
+        Ok(Some(again))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn attempts_are_bounded_and_wait_ever_longer() {
+        let mut attempts = Attempts::default();
+        let mut waits = || (0..8).map(|_| attempts.next().map(|wait| wait.as_millis())).collect::<Vec<_>>();
+        let all = [Some(0), Some(250), Some(500), Some(1000), Some(2000), Some(4000), None, None];
+        assert_eq!(waits(), all);
+        attempts.showed();
+        assert_eq!(attempts.next(), Some(Duration::ZERO));
+    }
+}
