@@ -47,6 +47,14 @@ impl Bench {
         Self::in_folder(&Arc::new(tempfile::tempdir().unwrap()), config)
     }
 
+    /// With a file of 320,000 triangles to add.
+    fn with_hills() -> Self {
+        let folder = Arc::new(tempfile::tempdir().unwrap());
+        fs::write(folder.path().join("hills.glb"), models::hills(400, false)).unwrap();
+        let tables = format!("[daemon]\nasset_roots = [{:?}]\n", folder.path().to_str().unwrap());
+        Self::in_folder(&folder, &lab::room_with(&tables))
+    }
+
     fn in_folder(folder: &Arc<TempDir>, config: &str) -> Self {
         let daemon = faults::start(folder, config, None).unwrap().unwrap();
         let faults = Faults::connect(folder.path()).unwrap();
@@ -299,6 +307,22 @@ fn the_end_comes_whatever_fails() {
 }
 
 #[test]
+fn the_end_comes_while_the_device_cannot_be_had() {
+    let mut bench = Bench::new(&lab::room());
+    bench.faults.arm(&Fault::from_then_on("vkQueueSubmit2", 1, LOST)).unwrap();
+    let mut other = bench.daemon.client().unwrap();
+    let edits = json!({"edits": [lab::mirror()], "durable": false});
+    let waiting = std::thread::spawn(move || other.ask("scene.apply", edits));
+    while bench.faults.report().unwrap().fired < 3 {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    bench.daemon.signal(Signal::TERM).unwrap();
+    assert_eq!(bench.daemon.wait(SOON).unwrap().code(), Some(0), "{}", bench.daemon.log());
+    // Refused, or cut off.
+    assert!(!matches!(waiting.join().unwrap(), Ok(Ok(_))));
+}
+
+#[test]
 fn a_lost_device_is_opened_again_and_shows_the_newest_revision() {
     let mut bench = Bench::new(&lab::room());
     bench.client.ask_ok("pattern", json!({"name": "grid", "projector": "right"})).unwrap();
@@ -369,18 +393,37 @@ fn a_device_that_cannot_be_had_again_ends_the_process_with_an_error() {
     assert!(log.lines().any(|line| line.starts_with("lanternd: ") && line.contains("6 attempts")), "{log}");
 }
 
+/// Beyond what a frame takes along, and beyond the block of memory that small scenes share.
+fn hills() -> Value {
+    json!([{"add": {"node": "hills", "uri": "hills.glb", "translation_m": [0, 0.1, 0]}}])
+}
+
+#[test]
+fn what_was_on_its_way_to_a_lost_device_gets_to_the_next_one() {
+    let mut bench = Bench::with_hills();
+    let before = bench.pictures();
+    apply(&mut bench, hills()).unwrap();
+    let there = bench.pictures();
+    assert!(there != before);
+    for (nth, failure) in [(2, LOST), (4, LOST), (3, HUNG)] {
+        apply(&mut bench, json!([{"remove": {"node": "hills"}}])).unwrap();
+        assert!(bench.pictures() == before);
+        let losses = bench.lost();
+        let call = if failure == LOST { "vkQueueSubmit2" } else { "vkWaitSemaphores" };
+        bench.faults.arm(&Fault::once(call, nth, failure)).unwrap();
+        apply(&mut bench, hills()).unwrap();
+        assert_eq!((bench.faults.clear().unwrap().fired, bench.lost()), (1, losses + 1), "{call} {nth}");
+        assert!(bench.pictures() == there, "{call} {nth}");
+    }
+}
+
 #[test]
 fn an_edit_beyond_the_devices_memory_is_refused_with_its_cost() {
-    let folder = Arc::new(tempfile::tempdir().unwrap());
-    fs::write(folder.path().join("hills.glb"), models::hills(400, false)).unwrap();
-    let tables = format!("[daemon]\nasset_roots = [{:?}]\n", folder.path().to_str().unwrap());
-    let mut bench = Bench::in_folder(&folder, &lab::room_with(&tables));
+    let mut bench = Bench::with_hills();
     let everything = lab::everything(&mut bench.client, "left").unwrap();
     let before = bench.client.status().unwrap();
-    // Beyond the block that small scenes share, so that the device is asked for more.
-    let large = json!([{"add": {"node": "hills", "uri": "hills.glb", "role": "virtual"}}]);
     bench.faults.arm(&Fault::from_then_on("vkAllocateMemory", 1, NO_DEVICE_MEMORY)).unwrap();
-    let refused = apply(&mut bench, large.clone()).unwrap_err();
+    let refused = apply(&mut bench, hills()).unwrap_err();
     assert_eq!(refused.code, "out-of-memory");
     for words in ["this adds ", " MiB of meshes and images", " free of ", "out of device memory", "hint:"] {
         assert!(refused.message.contains(words), "`{words}` in {refused}");
@@ -389,6 +432,6 @@ fn an_edit_beyond_the_devices_memory_is_refused_with_its_cost() {
     // What needs no more memory goes on, while the device still has none.
     apply(&mut bench, json!([{"set": {"node": "ball", "translation_m": [0.1, 0.4, 0]}}])).unwrap();
     bench.faults.clear().unwrap();
-    apply(&mut bench, large).unwrap();
+    apply(&mut bench, hills()).unwrap();
     assert_eq!(bench.client.status().unwrap()["device"]["lost"], before["device"]["lost"]);
 }

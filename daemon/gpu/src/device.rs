@@ -127,12 +127,6 @@ impl Device {
         self.handle.ray_queries().is_ok()
     }
 
-    /// Whether projector `i` of `projectors` has its queue with another one.
-    pub fn shares_queue(&self, i: usize, projectors: usize) -> bool {
-        let queues = self.projector_queues;
-        (0..projectors).any(|other| other != i && other % queues == i % queues)
-    }
-
     /// The queue of projector `i`: where there are fewer queues than projectors, they take turns.
     pub fn queue(&self, i: usize) -> &Queue {
         &self.queues[i % self.projector_queues]

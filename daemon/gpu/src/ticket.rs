@@ -72,9 +72,13 @@ impl Timeline {
     /// device that cannot even do this is lost, and ends all waits itself.
     pub(crate) fn skip_to(&self, submitted: u64, value: u64) {
         // What was submitted before still counts up, and a timeline never goes back.
-        if let Err(error) = self.wait(submitted, self.device.patience.limit()) {
-            tracing::error!(%error, value, "a queue's timeline stands still");
-            return;
+        match self.wait(submitted, self.device.patience.limit()) {
+            Ok(_) => {}
+            Err(GpuError::DeviceLost { .. }) => return,
+            Err(error) => {
+                tracing::error!(%error, value, "a queue's timeline stands still");
+                return;
+            }
         }
         let info = vk::SemaphoreSignalInfo::default().semaphore(self.raw).value(value);
         // SAFETY: the semaphore lives and is a timeline; its queue has taken no submission of this value, nor of a later one.

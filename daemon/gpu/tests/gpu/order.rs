@@ -130,8 +130,6 @@ fn projectors_get_queues_of_their_own_or_share_them() {
         for i in 0..5 {
             let queue = device.queue(i);
             assert_eq!(queue.index as usize, i % count);
-            let users = (0..5).filter(|j| j % count == i % count).count();
-            assert_eq!(device.shares_queue(i, 5), users > 1, "{queue:?} has {users} users");
         }
     });
 }
