@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 /// Lines and columns, both from 1, by the names of entries: `scene.node "car"` is the table, `scene.node "car".uri` a value
-/// in it. Known are `scene`, and the tables `scene.node`, `scene.material`,
+/// in it. Known are `daemon`, `scene`, and the tables `scene.node`, `scene.material`,
 /// `scene.light`, `body`, `tracker` and `projector` each with its name as `{:?}` writes it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Places(BTreeMap<String, (usize, usize)>);

@@ -50,6 +50,9 @@ impl Config {
 pub struct Daemon {
     /// The control socket, unless the command line or the environment names one.
     pub socket: Option<PathBuf>,
+    /// The group whose members may operate the daemon, besides root and its own user, by name or by number; `None`: whoever can
+    /// connect to the socket. Our addition to the contract.
+    pub group: Option<String>,
     /// Where the scene is kept across restarts; `None`: nothing is kept.
     pub state_dir: Option<PathBuf>,
     /// The only folders from which a client may have files read.
@@ -191,6 +194,8 @@ pub enum Output {
 pub struct Limits {
     /// Clients of the control socket at a time. Default 16.
     pub max_clients: u32,
+    /// Of each client; one that asks more is read more slowly. Default 4000.
+    pub max_requests_per_s: u32,
     /// Nodes of the scene, those inside files counted; materials of all nodes likewise. Default 65536.
     pub max_nodes: u32,
     /// Lights that shine, those inside files counted. Default 16; at most 32, so that no walk of rays through many lights
@@ -208,6 +213,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             max_clients: 16,
+            max_requests_per_s: 4000,
             max_nodes: 65_536,
             max_lights: 16,
             max_triangles: 16_000_000,

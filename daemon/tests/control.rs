@@ -334,7 +334,7 @@ fn the_socket_file() {
     assert_eq!(mode & 0o777, 0o660);
 
     // A second daemon is refused, and the first one goes on.
-    let error = Listener::bind(&path).unwrap_err();
+    let error = Listener::bind(&path, None).unwrap_err();
     assert!(matches!(error, ControlError::Taken { .. }), "{error}");
     assert!(error.to_string().contains("another lanternd") && error.to_string().contains("hint:"), "{error}");
     assert_eq!(Client::connect(&path).ask(&json!({"id": 1, "op": "hello"}))["id"], 1);
@@ -342,7 +342,7 @@ fn the_socket_file() {
     // It goes with its daemon, and the next one can take its place.
     daemon.stop();
     assert!(!path.exists());
-    drop(Listener::bind(&path).unwrap());
+    drop(Listener::bind(&path, None).unwrap());
 }
 
 #[test]
@@ -351,19 +351,19 @@ fn a_stale_socket_file_is_replaced_and_a_live_one_is_not() {
     let path = folder.path().join("lanternd.sock");
     drop(UnixListener::bind(&path).unwrap());
     assert!(path.exists(), "a socket file outlives its socket");
-    let listener = Listener::bind(&path).unwrap();
+    let listener = Listener::bind(&path, None).unwrap();
     UnixStream::connect(&path).unwrap();
     drop(listener);
 
     // One that holds no lock, but listens.
     let other = UnixListener::bind(&path).unwrap();
-    assert!(matches!(Listener::bind(&path), Err(ControlError::Taken { .. })));
+    assert!(matches!(Listener::bind(&path, None), Err(ControlError::Taken { .. })));
     drop(other);
 
     // What is no socket is left alone.
     let file = folder.path().join("notes.txt");
     std::fs::write(&file, "dear diary").unwrap();
-    assert!(matches!(Listener::bind(&file), Err(ControlError::NoSocket { .. })));
+    assert!(matches!(Listener::bind(&file, None), Err(ControlError::NoSocket { .. })));
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "dear diary");
 }
 
@@ -371,8 +371,8 @@ fn a_stale_socket_file_is_replaced_and_a_live_one_is_not() {
 fn paths_that_cannot_be_sockets() {
     let folder = tempfile::tempdir().unwrap();
     let long = folder.path().join("x".repeat(120));
-    assert!(matches!(Listener::bind(&long), Err(ControlError::TooLong { .. })));
+    assert!(matches!(Listener::bind(&long, None), Err(ControlError::TooLong { .. })));
     std::fs::write(folder.path().join("file"), "").unwrap();
-    let below = Listener::bind(&folder.path().join("file/lanternd.sock")).unwrap_err();
+    let below = Listener::bind(&folder.path().join("file/lanternd.sock"), None).unwrap_err();
     assert!(matches!(below, ControlError::System { .. }) && below.to_string().contains("hint:"), "{below}");
 }

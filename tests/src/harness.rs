@@ -20,6 +20,8 @@ use crate::client::Client;
 const START_LIMIT: Duration = Duration::from_secs(120);
 /// How long a daemon may take to end when it is asked to.
 const STOP_LIMIT: Duration = Duration::from_secs(30);
+/// What is logged is there by then.
+const LOG_LIMIT: Duration = Duration::from_secs(30);
 /// What no line of a healthy daemon's log contains.
 const ILLS: [&str; 2] = ["vulkan::validation", "panicked"];
 
@@ -192,6 +194,22 @@ impl Daemon {
     /// All that it has written so far.
     pub fn log(&self) -> String {
         self.log.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Waits until something can be found in the log, which is read a moment after it is written.
+    ///
+    /// # Errors
+    /// Where it is not there in time.
+    pub fn wait_for_log<T>(&self, find: impl Fn(&str) -> Option<T>) -> Result<T> {
+        let started = Instant::now();
+        loop {
+            let log = self.log();
+            if let Some(found) = find(&log) {
+                return Ok(found);
+            }
+            ensure!(started.elapsed() < LOG_LIMIT, "lanternd's log does not tell:\n{log}");
+            thread::sleep(Duration::from_millis(10));
+        }
     }
 
     /// The log's lines of which a healthy daemon has none.

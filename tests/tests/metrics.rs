@@ -6,7 +6,7 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::path::Path;
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use lantern_tests::harness::{self, Daemon};
 use lantern_tests::lab;
@@ -15,16 +15,11 @@ use serde_json::Value;
 /// A daemon with metrics, and where they are.
 fn start() -> (Daemon, SocketAddr) {
     let daemon = Daemon::start(&lab::room_with("[metrics]\nlisten = \"127.0.0.1:0\"\n")).unwrap();
-    // The socket may answer before the log has been read so far.
-    let began = Instant::now();
-    loop {
-        let log = daemon.log();
-        if let Some((address, _)) = log.split_once("metrics at http://").and_then(|(_, rest)| rest.split_once('/')) {
-            return (daemon, address.parse().unwrap());
-        }
-        assert!(began.elapsed() < Duration::from_secs(30), "no metrics:\n{log}");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    let address = daemon.wait_for_log(|log| {
+        let (address, _) = log.split_once("metrics at http://")?.1.split_once('/')?;
+        address.parse().ok()
+    });
+    (daemon, address.unwrap())
 }
 
 /// What is answered to some bytes, up to the end of the connection.

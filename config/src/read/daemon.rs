@@ -1,14 +1,16 @@
 //! `[daemon]`, `[device]`, `[render]` and `[limits]`.
 
 use super::path;
-use crate::reader::Table;
+use crate::reader::{Table, Value};
 use crate::types::{Daemon, Device, Limits, RasterOrder, RayTracing, Render};
 use std::path::Path;
 
 pub(crate) fn daemon(table: Table<'_>, base_dir: &Path) -> Daemon {
+    table.note_places("daemon");
     let one = |key| table.get(key).and_then(|value| path(&value, base_dir));
     let daemon = Daemon {
         socket: one("socket"),
+        group: table.get("group").and_then(|value| group(&value)),
         state_dir: one("state_dir"),
         asset_roots: table
             .get("asset_roots")
@@ -18,6 +20,16 @@ pub(crate) fn daemon(table: Table<'_>, base_dir: &Path) -> Daemon {
     };
     table.finish();
     daemon
+}
+
+/// A group's name or number.
+fn group(value: &Value<'_>) -> Option<String> {
+    let group = value.string_or_index()?;
+    if group.is_empty() || group.contains(['\0', ':', '\n']) || group.starts_with('-') {
+        value.problem(format!("`{}` is no group", value.path), "name a group of this machine, or give its number");
+        return None;
+    }
+    Some(group)
 }
 
 pub(crate) fn device(table: Table<'_>) -> Device {
@@ -67,6 +79,7 @@ pub(crate) fn limits(table: Table<'_>) -> Limits {
         }
     };
     small("max_clients", 4096, &mut limits.max_clients);
+    small("max_requests_per_s", 1_000_000, &mut limits.max_requests_per_s);
     small("max_nodes", 1 << 24, &mut limits.max_nodes);
     small("max_lights", 32, &mut limits.max_lights);
     small("max_file_mib", 1 << 20, &mut limits.max_file_mib);

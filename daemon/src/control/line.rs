@@ -4,7 +4,7 @@ use lantern_proto::MAX_LINE_BYTES;
 use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
 use std::io::{self, IoSliceMut};
 use std::mem::MaybeUninit;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::io::Interest;
 use tokio::net::UnixStream;
 use tokio::time::timeout;
@@ -13,6 +13,9 @@ use super::handed::{Handed, MAX_WAITING};
 
 /// How long a client may leave its end of the socket full before it is dropped.
 pub(crate) const WRITE_PATIENCE: Duration = Duration::from_secs(3);
+
+/// The slowest that a client may take in what is long: it waits in memory for as long.
+const SLOWEST_BYTES_PER_S: f64 = 256.0 * 1024.0;
 
 /// What is read at a time.
 const CHUNK_BYTES: usize = 64 << 10;
@@ -111,9 +114,13 @@ pub(crate) async fn discard(stream: &UnixStream, most: usize, patience: Duration
 /// Writes everything.
 ///
 /// # Errors
-/// `TimedOut` where the client takes nothing for [`WRITE_PATIENCE`]; else what the socket says.
+/// `TimedOut` where the client takes nothing for [`WRITE_PATIENCE`], or less than 256 KiB a second; else what the socket says.
 pub(crate) async fn write_all(stream: &UnixStream, mut bytes: &[u8]) -> io::Result<()> {
+    let until = Instant::now() + WRITE_PATIENCE + Duration::from_secs_f64(bytes.len() as f64 / SLOWEST_BYTES_PER_S);
     while !bytes.is_empty() {
+        if Instant::now() > until {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
         match stream.try_write(bytes) {
             Ok(length) => bytes = &bytes[length..],
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {

@@ -3,7 +3,7 @@
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{DirBuilder, File, OpenOptions, Permissions};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt, OpenOptionsExt, PermissionsExt, chown};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
@@ -70,11 +70,12 @@ struct Own {
 }
 
 impl Listener {
-    /// Makes the socket file, mode 0660, and its folder where there is none. A file that a dead daemon left is replaced.
+    /// Makes the socket file, mode 0660, and its folder where there is none. A file that a dead daemon left is replaced. It is
+    /// given to a group, where one is named and the daemon may.
     ///
     /// # Errors
     /// [`ControlError`]: another daemon is there, something that is no socket is, or the system refuses.
-    pub fn bind(path: &Path) -> Result<Self, ControlError> {
+    pub fn bind(path: &Path, gid: Option<u32>) -> Result<Self, ControlError> {
         let system = |operation, path: &Path| {
             let path = path.to_owned();
             move |source: io::Error| ControlError::System { operation, path, source }
@@ -115,6 +116,11 @@ impl Listener {
             _ => {}
         }
         let socket = UnixListener::bind(&new_path).map_err(system("bind", &new_path))?;
+        if let Err(error) = gid.map_or(Ok(()), |gid| chown(&new_path, None, Some(gid))) {
+            let hint =
+                "whoever is of daemon.group alone cannot connect; be of that group, or let systemd make the socket";
+            tracing::warn!(socket = %path.display(), gid, %error, "the socket cannot be given to its group: {hint}");
+        }
         std::fs::set_permissions(&new_path, Permissions::from_mode(SOCKET_MODE))
             .map_err(system("set the rights of", &new_path))?;
         let inode = std::fs::symlink_metadata(&new_path).map_err(system("look at", &new_path))?.ino();

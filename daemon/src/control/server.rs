@@ -1,13 +1,13 @@
 //! Accepting clients, no more than the limit.
 
 use super::engine::Engine;
-use super::line::write_all;
 use super::listener::{ControlError, Listener};
+use super::rules::Rules;
 use super::session;
-use lantern_proto::{ErrorBody, Outcome, Reply};
+use lantern_proto::ErrorBody;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::net::{UnixListener, UnixStream};
+use tokio::net::UnixListener;
 use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
 use tokio::task::{JoinHandle, JoinSet};
@@ -23,7 +23,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Answers at a socket, on tasks of `runtime`, for at most `max_clients` at a time.
+    /// Answers at a socket by its rules, on tasks of `runtime`.
     ///
     /// # Errors
     /// [`ControlError::System`] where the runtime cannot watch the socket.
@@ -31,7 +31,7 @@ impl Server {
         runtime: &Handle,
         listener: Listener,
         engine: Arc<dyn Engine>,
-        max_clients: usize,
+        rules: Rules,
     ) -> Result<Self, ControlError> {
         // A socket belongs to the runtime that it is made in.
         let _guard = runtime.enter();
@@ -41,7 +41,7 @@ impl Server {
             source,
         })?;
         tracing::info!(socket = %listener.path().display(), "answering");
-        let task = runtime.spawn(accept(socket, engine, max_clients));
+        let task = runtime.spawn(accept(socket, engine, Arc::new(rules)));
         Ok(Self { listener, task })
     }
 
@@ -58,8 +58,8 @@ impl Drop for Server {
 }
 
 /// Accepts until it is aborted; its clients end with it.
-async fn accept(socket: UnixListener, engine: Arc<dyn Engine>, max_clients: usize) {
-    let places = Arc::new(Semaphore::new(max_clients));
+async fn accept(socket: UnixListener, engine: Arc<dyn Engine>, rules: Arc<Rules>) {
+    let places = Arc::new(Semaphore::new(rules.max_clients));
     let mut sessions = JoinSet::new();
     loop {
         // Sessions that have ended are cleared away as they end, so that the set stays small.
@@ -70,13 +70,19 @@ async fn accept(socket: UnixListener, engine: Arc<dyn Engine>, max_clients: usiz
         match accepted {
             Ok((stream, _)) => match places.clone().try_acquire_owned() {
                 Ok(place) => {
-                    let engine = engine.clone();
+                    let (engine, rules) = (engine.clone(), rules.clone());
                     sessions.spawn(async move {
-                        session::serve(stream, engine).await;
+                        session::serve(stream, engine, rules).await;
                         drop(place);
                     });
                 }
-                Err(_) => turn_away(&stream, max_clients).await,
+                Err(_) => {
+                    let message = format!(
+                        "all {} places are taken; hint: try again, or raise limits.max_clients",
+                        rules.max_clients
+                    );
+                    session::turn_away(&stream, ErrorBody::new("too-many-clients", message)).await;
+                }
             },
             Err(error) => {
                 tracing::warn!(%error, "cannot accept a client");
@@ -84,13 +90,4 @@ async fn accept(socket: UnixListener, engine: Arc<dyn Engine>, max_clients: usiz
             }
         }
     }
-}
-
-/// Says why, and hangs up. A new socket has room for one line, so nobody waits.
-async fn turn_away(stream: &UnixStream, max_clients: usize) {
-    let message = format!("all {max_clients} places are taken; hint: try again, or raise limits.max_clients");
-    let error = ErrorBody::new("too-many-clients", message);
-    let line = session::line_of(&Reply { id: None, outcome: Outcome::Error(error) });
-    // The client may have gone already, which is as well.
-    let _ = write_all(stream, &line).await;
 }

@@ -8,6 +8,8 @@ use super::engine::{Engine, Picture};
 use super::events::Subscription;
 use super::handed;
 use super::line::{Lines, Said, discard, write_all};
+use super::pace::Pace;
+use super::rules::Rules;
 use lantern_proto::{
     ErrorBody, EventKind, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, Subscribed,
     parse_line,
@@ -18,16 +20,22 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::pin::pin;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::net::UnixStream;
+use tokio::sync::SemaphorePermit;
 
 /// What is still read of a client whose line was too long, and for how long, so that it can read its error.
 const FAREWELL_BYTES: usize = 64 << 20;
 const FAREWELL: Duration = Duration::from_secs(1);
 
-/// Serves a client until it ends, says too much at once, or reads nothing.
-pub(super) async fn serve(stream: UnixStream, engine: Arc<dyn Engine>) {
-    match converse(&stream, engine).await {
+/// Serves a client that may come in, until it ends, says too much at once, or reads nothing.
+pub(super) async fn serve(stream: UnixStream, engine: Arc<dyn Engine>, rules: Arc<Rules>) {
+    let served = match admit(&stream, &rules).await {
+        Ok(Ok(())) => converse(&stream, engine, &rules).await,
+        Ok(Err(refusal)) => return turn_away(&stream, refusal).await,
+        Err(error) => Err(error),
+    };
+    match served {
         Ok(()) => {}
         Err(error) if error.kind() == io::ErrorKind::TimedOut => {
             tracing::warn!("a client of the control socket does not read, and is dropped");
@@ -36,19 +44,37 @@ pub(super) async fn serve(stream: UnixStream, engine: Arc<dyn Engine>) {
     }
 }
 
-async fn converse(stream: &UnixStream, engine: Arc<dyn Engine>) -> io::Result<()> {
+/// Whether the client may come in. The user database may be on another machine, so a thread that may wait asks it.
+async fn admit(stream: &UnixStream, rules: &Arc<Rules>) -> io::Result<Result<(), ErrorBody>> {
+    let (peer, rules) = (stream.peer_cred()?, rules.clone());
+    tokio::task::spawn_blocking(move || rules.door.admit(peer)).await.map_err(io::Error::other)
+}
+
+/// Says why, and hangs up. A new socket has room for one line, so nobody waits.
+pub(super) async fn turn_away(stream: &UnixStream, error: ErrorBody) {
+    let line = line_of(&Reply { id: None, outcome: Outcome::Error(error) });
+    // The client may have gone already, which is as well.
+    let _ = write_all(stream, &line).await;
+}
+
+async fn converse(stream: &UnixStream, engine: Arc<dyn Engine>, rules: &Arc<Rules>) -> io::Result<()> {
     let mut lines = Lines::default();
     let mut subscription = None;
+    let mut pace = Pace::new(rules.max_requests_per_s, Instant::now());
     loop {
         match beside_events(stream, subscription.as_ref(), lines.next(stream)).await?? {
             Said::Line(bytes) => {
+                let wait = pace.take(Instant::now());
+                if !wait.is_zero() {
+                    beside_events(stream, subscription.as_ref(), tokio::time::sleep(wait)).await?;
+                }
                 let file = lines.handed.named_by(&bytes);
-                let answered = answer(bytes, file, engine.clone());
+                let answered = answer(bytes, file, engine.clone(), rules);
                 let (reply, rest) = beside_events(stream, subscription.as_ref(), answered).await?;
                 write_all(stream, &line_of(&reply)).await?;
                 match rest {
                     Rest::Nothing => {}
-                    Rest::Picture(bytes) => write_all(stream, &bytes).await?,
+                    Rest::Picture(picture) => write_all(stream, &picture.bytes).await?,
                     // Of what was subscribed to before, nothing more is heard.
                     Rest::Subscription(new) => subscription = Some(new),
                 }
@@ -107,16 +133,27 @@ pub(super) fn line_of(reply: &Reply) -> Vec<u8> {
 }
 
 /// What comes of a request besides its reply.
-enum Rest {
+enum Rest<'a> {
     Nothing,
     /// Bytes that follow it.
-    Picture(Vec<u8>),
+    Picture(Held<'a>),
     /// What the client hears of from then on.
     Subscription(Subscription),
 }
 
+/// A picture in memory, and the place that it takes there.
+struct Held<'a> {
+    bytes: Vec<u8>,
+    _place: Option<SemaphorePermit<'a>>,
+}
+
 /// The reply to a line, and what comes of it besides.
-async fn answer(line: Vec<u8>, file: Option<Option<OwnedFd>>, engine: Arc<dyn Engine>) -> (Reply, Rest) {
+async fn answer(
+    line: Vec<u8>,
+    file: Option<Option<OwnedFd>>,
+    engine: Arc<dyn Engine>,
+    rules: &Rules,
+) -> (Reply, Rest<'_>) {
     let refuse = |id: Option<Id>, error| (Reply { id, outcome: Outcome::Error(error) }, Rest::Nothing);
     let parsed = match file {
         None => parse_line(&line),
@@ -126,8 +163,20 @@ async fn answer(line: Vec<u8>, file: Option<Option<OwnedFd>>, engine: Arc<dyn En
         Ok(request) => request,
         Err(Refusal { id, error }) => return refuse(id, error),
     };
+    // Whoever asks for a picture waits until there is room for it. The semaphore is never closed.
+    let place = match op {
+        Op::Snapshot(_) => rules.pictures.acquire().await.ok(),
+        _ => None,
+    };
     match tokio::task::spawn_blocking(move || perform(&*engine, op)).await {
-        Ok(Ok(Answer { value, rest })) => (Reply { id: Some(id), outcome: Outcome::Ok(value) }, rest),
+        Ok(Ok(Answer { value, with })) => {
+            let rest = match with {
+                With::Nothing => Rest::Nothing,
+                With::Picture(bytes) => Rest::Picture(Held { bytes, _place: place }),
+                With::Subscription(subscription) => Rest::Subscription(subscription),
+            };
+            (Reply { id: Some(id), outcome: Outcome::Ok(value) }, rest)
+        }
         Ok(Err(error)) => refuse(Some(id), error),
         Err(error) => {
             tracing::error!(%error, "a request has failed inside");
@@ -138,7 +187,14 @@ async fn answer(line: Vec<u8>, file: Option<Option<OwnedFd>>, engine: Arc<dyn En
 
 struct Answer {
     value: Value,
-    rest: Rest,
+    with: With,
+}
+
+/// What the engine gives besides a value.
+enum With {
+    Nothing,
+    Picture(Vec<u8>),
+    Subscription(Subscription),
 }
 
 /// Asks the engine, which may block. What protocol 1 has and this version has not is refused.
@@ -155,7 +211,7 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
         Op::Snapshot(snapshot) => {
             let Picture { format, bytes } = engine.snapshot(&snapshot.projector, snapshot.layer)?;
             let head = SnapshotHead { bytes: bytes.len() as u64, format: format.to_owned() };
-            Ok(Answer { rest: Rest::Picture(bytes), ..plain(&head)? })
+            Ok(Answer { with: With::Picture(bytes), ..plain(&head)? })
         }
         Op::Subscribe(subscribe) => {
             // Outputs that can be lost are not built, so that there is nothing to hear of any.
@@ -164,8 +220,8 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
                     "events `output` are not built yet, since no output that is can be lost; hint: leave them out";
                 return Err(ErrorBody::new("not-built", message).at(format!("events[{place}]")));
             }
-            let rest = Rest::Subscription(engine.events().subscribe(&subscribe.events));
-            Ok(Answer { rest, ..plain(&Subscribed { events: subscribe.events })? })
+            let with = With::Subscription(engine.events().subscribe(&subscribe.events));
+            Ok(Answer { with, ..plain(&Subscribed { events: subscribe.events })? })
         }
         Op::Pattern(pattern) => {
             engine.pattern(&pattern)?;
@@ -178,5 +234,5 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
 fn plain(value: &impl Serialize) -> Result<Answer, ErrorBody> {
     let value = serde_json::to_value(value)
         .map_err(|error| ErrorBody::new("internal", format!("the reply cannot be written as JSON: {error}")))?;
-    Ok(Answer { value, rest: Rest::Nothing })
+    Ok(Answer { value, with: With::Nothing })
 }

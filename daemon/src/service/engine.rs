@@ -351,14 +351,16 @@ impl Engine for DaemonEngine {
         let old = self.config().clone();
         let config = loaded.config;
         if config.daemon.socket != old.daemon.socket
+            || config.daemon.group != old.daemon.group
             || config.daemon.state_dir != old.daemon.state_dir
             || config.device != old.device
             || config.metrics != old.metrics
             || config.limits.max_clients != old.limits.max_clients
+            || config.limits.max_requests_per_s != old.limits.max_requests_per_s
         {
             tracing::warn!(
-                "daemon.socket, daemon.state_dir, [device], [metrics] and limits.max_clients are read at the start only; \
-                 everything else was reloaded"
+                "daemon.socket, daemon.group, daemon.state_dir, [device], [metrics], limits.max_clients and \
+                 limits.max_requests_per_s are read at the start only; everything else was reloaded"
             );
         }
 

@@ -57,11 +57,12 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     loaded.warn();
 
     // The socket first: a second daemon must be refused before it touches anything that the first one uses.
+    let door = loaded.config.daemon.group.as_deref().map_or(Ok(control::Door::open()), control::Door::for_group)?;
     let listener = match handed_over {
         Some(socket) => control::Listener::handed_over(socket)?,
         None => {
             let path = socket_path::resolve(options.socket.as_deref(), loaded.config.daemon.socket.as_deref())?;
-            control::Listener::bind(&path)?
+            control::Listener::bind(&path, door.gid())?
         }
     };
 
@@ -78,7 +79,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let device = open()?;
     tracing::info!(device = device.info().name, driver = device.info().driver_info, "rendering");
     let served =
-        serve(&runtime, signals, options, (loaded, sources), listener, (origin, store), (instance, device, open));
+        serve(&runtime, signals, options, (loaded, sources), (listener, door), (origin, store), (instance, device, open));
 
     // A request that still reads a large file is nobody's any more.
     runtime.shutdown_timeout(STOP_PATIENCE);
@@ -144,7 +145,7 @@ fn serve(
     signals: Signals,
     options: &Options,
     (loaded, sources): LoadedFrom,
-    listener: control::Listener,
+    (listener, door): (control::Listener, control::Door),
     (origin, store): (Origin, Option<Store>),
     vulkan: (Arc<Instance>, Arc<Device>, Open),
 ) -> anyhow::Result<()> {
@@ -178,7 +179,8 @@ fn serve(
         .context("the first frame")?;
     origin.works(&sources);
     drop(sources);
-    let max_clients = loaded.config.limits.max_clients as usize;
+    let limits = &loaded.config.limits;
+    let rules = control::Rules::new(door, limits.max_clients, limits.max_requests_per_s);
     let background = Background::start().context("a thread to build structures on")?;
     let metrics_at = loaded.config.metrics.listen;
     let (shows, configured) = (origin.words(&shows), (loaded.config, loaded.projectors));
@@ -186,7 +188,7 @@ fn serve(
     let engine = Arc::new(engine);
     let at = |address| metrics::Server::start(runtime.handle(), address, engine.clone());
     let metrics = metrics_at.map(at).transpose()?;
-    let server = control::Server::start(runtime.handle(), listener, engine.clone(), max_clients)?;
+    let server = control::Server::start(runtime.handle(), listener, engine.clone(), rules)?;
     tracing::info!(socket = %server.path().display(), "ready");
     systemd::ready(&shows);
 

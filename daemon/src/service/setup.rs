@@ -14,6 +14,7 @@ use lantern_render::{ProjectorSpec, RasterOrder, Settings};
 use lantern_scene::{Editor, Role, Scene, Structures};
 
 use super::frames::Setup;
+use crate::control::Door;
 use super::sources::Sources;
 
 /// Everything wrong with a configuration and what it names.
@@ -78,6 +79,9 @@ fn from_config_by(
     mut read: impl FnMut(&Path) -> Result<Arc<Vec<u8>>, FileError>,
 ) -> Result<Loaded, Problems> {
     let mut problems = Vec::new();
+    if let Some(Err(error)) = config.daemon.group.as_deref().map(Door::for_group) {
+        problems.push(problem(&config, file, "daemon", "group", &error.to_string()));
+    }
     let mut projectors = Vec::new();
     for projector in &config.projectors {
         match Calibration::from_config_by(projector, &mut read) {

@@ -2,7 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests, where a failure is a failed test")]
 #![allow(dead_code, reason = "each test program uses its own part")]
 
-use lantern::control::{Engine, Events, Listener, Picture, Server};
+use lantern::control::{Door, Engine, Events, Listener, Picture, Rules, Server};
 use lantern_proto::status::{ConfigStatus, DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
 use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status};
 use std::collections::BTreeMap;
@@ -129,18 +129,23 @@ pub(crate) struct FakeDaemon {
     folder: TempDir,
 }
 
+/// For so many clients, whoever they are.
+fn rules(max_clients: u32) -> Rules {
+    Rules::new(Door::open(), max_clients, 1_000_000)
+}
+
 impl FakeDaemon {
     pub(crate) fn start() -> Self {
         Self::with_clients(8)
     }
 
-    pub(crate) fn with_clients(max_clients: usize) -> Self {
+    pub(crate) fn with_clients(max_clients: u32) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deep/er/lanternd.sock");
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
         let engine = Arc::new(FakeEngine::default());
-        let listener = Listener::bind(&path).unwrap();
-        let server = Server::start(runtime.handle(), listener, engine.clone(), max_clients).unwrap();
+        let listener = Listener::bind(&path, None).unwrap();
+        let server = Server::start(runtime.handle(), listener, engine.clone(), rules(max_clients)).unwrap();
         assert_eq!(server.path(), path);
         Self { server: Some(server), engine, path, runtime, folder }
     }
@@ -155,8 +160,8 @@ impl FakeDaemon {
 
     /// At the same socket, with the same engine.
     pub(crate) fn start_again(&mut self) {
-        let listener = Listener::bind(&self.path).unwrap();
-        self.server = Some(Server::start(self.runtime.handle(), listener, self.engine.clone(), 8).unwrap());
+        let listener = Listener::bind(&self.path, None).unwrap();
+        self.server = Some(Server::start(self.runtime.handle(), listener, self.engine.clone(), rules(8)).unwrap());
     }
 
     /// A path beside the socket's folder.
