@@ -1,10 +1,10 @@
 //! Where files may be read from, and reading them within a bound.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 use std::time::SystemTime;
 
+use crate::beneath;
 use crate::builtin::SCHEME;
 use crate::edit::Fault;
 
@@ -22,9 +22,14 @@ pub(crate) enum Access<'a> {
 impl Access<'_> {
     /// Whether a canonical path may be read.
     pub(crate) fn allows(&self, canonical: &Path) -> bool {
+        self.root_of(canonical).is_some()
+    }
+
+    /// The folder beneath which a canonical path may be read; `None` where it may not.
+    fn root_of(&self, canonical: &Path) -> Option<&Path> {
         match self {
-            Self::Roots(roots) => roots.iter().any(|root| canonical.starts_with(root)),
-            Self::Anywhere(_) | Self::Stored(_) => true,
+            Self::Roots(roots) => roots.iter().map(PathBuf::as_path).find(|root| canonical.starts_with(root)),
+            Self::Anywhere(_) | Self::Stored(_) => Some(Path::new("/")),
         }
     }
 
@@ -135,6 +140,9 @@ pub(crate) enum ReadError {
     /// The system's word.
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
+    /// Somebody put a link there after the path was judged, or it never was under a root.
+    #[error("leads elsewhere by now")]
+    Elsewhere,
     /// A folder, a pipe or a device.
     #[error("is not a regular file")]
     NotAFile,
@@ -148,13 +156,18 @@ pub(crate) enum ReadError {
     },
 }
 
-/// Reads a regular file of at most `limit` bytes.
+/// Reads a regular file of at most `limit` bytes, by its canonical path.
+///
+/// The path has been judged, and whoever may write where it leads may have changed that since. So no link is followed on the way
+/// from the root, and what is asked about the file is asked about the one that was opened.
 ///
 /// # Errors
 /// Before anything is read where its size says that it is larger.
-pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
-    // Opening a pipe would wait for a writer, so what it is comes first.
-    let metadata = path.metadata()?;
+pub(crate) fn read(canonical: &Path, access: Access<'_>, limit: u64) -> Result<Vec<u8>, ReadError> {
+    let root = access.root_of(canonical).ok_or(ReadError::Elsewhere)?;
+    let below = canonical.strip_prefix(root).map_err(|_| ReadError::Elsewhere)?;
+    let file = beneath::open(root, below)?.ok_or(ReadError::Elsewhere)?;
+    let metadata = file.metadata()?;
     if !metadata.is_file() {
         return Err(ReadError::NotAFile);
     }
@@ -163,7 +176,7 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
         return Err(too_large(metadata.len()));
     }
     let mut bytes = Vec::new();
-    File::open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
+    file.take(limit + 1).read_to_end(&mut bytes)?;
     // A file that grew meanwhile, or one of /proc whose size reads 0.
     if bytes.len() as u64 > limit {
         return Err(too_large(bytes.len() as u64));
@@ -174,6 +187,9 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rustix::fs::{CWD, FileType, Mode, RenameFlags};
+    use std::os::unix::fs::symlink;
+    use std::sync::atomic::{AtomicBool, Ordering};
 
     #[test]
     fn clients_stay_under_their_roots() {
@@ -203,12 +219,85 @@ mod tests {
     #[test]
     fn only_regular_files_within_the_limit_are_read() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a");
+        let folder = folder.path().canonicalize().unwrap();
+        let path = folder.join("a");
         std::fs::write(&path, b"12345").unwrap();
+        let read = |path: &Path, limit| super::read(path, Access::Anywhere(&[]), limit);
         assert_eq!(read(&path, 5).unwrap(), b"12345");
         assert!(matches!(read(&path, 4), Err(ReadError::TooLarge { bytes: 5, limit: 4 })));
-        assert!(matches!(read(folder.path(), 4), Err(ReadError::NotAFile)));
+        assert!(matches!(read(&folder, 4), Err(ReadError::NotAFile)));
         assert!(matches!(read(Path::new("/dev/zero"), 4), Err(ReadError::NotAFile)));
-        assert!(matches!(read(&folder.path().join("b"), 4), Err(ReadError::Io(_))));
+        assert!(matches!(read(&folder.join("b"), 4), Err(ReadError::Io(_))));
+        // A pipe that nobody writes to would hold up whoever opens it to read.
+        rustix::fs::mknodat(rustix::fs::CWD, &folder.join("pipe"), FileType::Fifo, Mode::RUSR, 0).unwrap();
+        assert!(matches!(read(&folder.join("pipe"), 4), Err(ReadError::NotAFile)));
+        let _socket = std::os::unix::net::UnixListener::bind(folder.join("socket")).unwrap();
+        assert!(read(&folder.join("socket"), 4).is_err());
+    }
+
+    #[test]
+    fn links_lead_where_they_may_and_are_not_followed_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().canonicalize().unwrap();
+        let (root, out) = (folder.join("root"), folder.join("out"));
+        std::fs::create_dir_all(root.join("deep")).unwrap();
+        std::fs::create_dir(&out).unwrap();
+        std::fs::write(root.join("deep/a.glb"), b"in").unwrap();
+        std::fs::write(out.join("a.glb"), b"out").unwrap();
+        symlink("deep/a.glb", root.join("within.glb")).unwrap();
+        let roots = [root.clone()];
+        let access = Access::Roots(&roots);
+
+        // A link that stays below the root is the file that it leads to.
+        let located = locate("within.glb", access).unwrap();
+        assert_eq!(
+            (located.as_path(), read(&located, access, 9).unwrap()),
+            (root.join("deep/a.glb").as_path(), b"in".to_vec())
+        );
+
+        // Judged, and then exchanged: first the file, then the folder around it.
+        std::fs::rename(root.join("deep/a.glb"), root.join("kept")).unwrap();
+        symlink(out.join("a.glb"), root.join("deep/a.glb")).unwrap();
+        assert!(matches!(read(&located, access, 9), Err(ReadError::Elsewhere)));
+        std::fs::rename(root.join("deep"), root.join("was")).unwrap();
+        symlink(&out, root.join("deep")).unwrap();
+        assert!(matches!(read(&located, access, 9), Err(ReadError::Elsewhere)));
+        assert!(matches!(read(&out.join("a.glb"), access, 9), Err(ReadError::Elsewhere)));
+    }
+
+    #[test]
+    fn nothing_from_outside_is_read_while_links_come_and_go() {
+        const TRIES: usize = 3000;
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().canonicalize().unwrap();
+        let (root, out) = (folder.join("root"), folder.join("out"));
+        for place in [root.join("deep"), root.join("spare"), out.clone()] {
+            std::fs::create_dir_all(&place).unwrap();
+            std::fs::write(place.join("a.glb"), if place == out { "out" } else { "in" }).unwrap();
+        }
+        symlink(&out, root.join("link")).unwrap();
+        let (roots, done) = ([root.clone()], AtomicBool::new(false));
+        let access = Access::Roots(&roots);
+        std::thread::scope(|scope| {
+            // The folder is now itself and now a link that leads out.
+            scope.spawn(|| {
+                while !done.load(Ordering::Relaxed) {
+                    let (deep, link) = (root.join("deep"), root.join("link"));
+                    rustix::fs::renameat_with(CWD, &deep, CWD, &link, RenameFlags::EXCHANGE).unwrap();
+                }
+            });
+            let (mut inside, mut outside, mut refused) = (0, 0, 0);
+            for _ in 0..TRIES {
+                match locate("deep/a.glb", access).map(|path| super::read(&path, access, 9)) {
+                    Ok(Ok(bytes)) if bytes == b"in" => inside += 1,
+                    Ok(Ok(_)) => outside += 1,
+                    Ok(Err(_)) | Err(_) => refused += 1,
+                }
+            }
+            // The other one ends whatever has been found.
+            done.store(true, Ordering::Relaxed);
+            assert_eq!(outside, 0, "a link was followed");
+            assert!(inside > 0 && refused > 0, "{inside} read and {refused} refused: nothing was tried");
+        });
     }
 }

@@ -4,6 +4,7 @@
 //! ([`pack`]). [`changes`] tells two revisions apart. No Vulkan here.
 
 mod asset;
+mod beneath;
 mod builtin;
 pub mod bvh;
 mod by_name;

@@ -106,7 +106,7 @@ impl Library {
         }
         let (path, access) = self.locate(uri, access)?;
         let environment = remember(&mut self.environments, key(&path)?, Stamp::of(&path), || {
-            let bytes = file::read(&path, limits.max_file_bytes).map_err(|error| {
+            let bytes = file::read(&path, access, limits.max_file_bytes).map_err(|error| {
                 let code = if matches!(error, file::ReadError::TooLarge { .. }) { "too-large" } else { "bad-uri" };
                 Fault::new(code, "uri", format!("{}: {error}; hint: check the file and the limits", path.display()))
             })?;

@@ -47,7 +47,7 @@ pub(crate) fn load(
 }
 
 fn load_located(path: &Path, access: Access<'_>, limits: &Limits, structures: &Structures) -> Result<Asset, Located> {
-    let bytes = file::read(path, limits.max_file_bytes).map_err(|error| here("file", Problem::Read(error)))?;
+    let bytes = file::read(path, access, limits.max_file_bytes).map_err(|error| here("file", Problem::Read(error)))?;
     let parts = container::split(&bytes)?;
     let root = container::parse(parts.json)?;
     let mut warnings = Warnings::default();

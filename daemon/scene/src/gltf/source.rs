@@ -50,7 +50,8 @@ impl<'a> Sources<'a> {
         if !self.access.allows(&canonical) {
             return Err(here(object, Problem::Outside(relative)));
         }
-        let bytes = file::read(&canonical, self.left).map_err(|error| here(object, Problem::Read(error)))?;
+        let bytes =
+            file::read(&canonical, self.access, self.left).map_err(|error| here(object, Problem::Read(error)))?;
         self.spend(bytes.len() as u64, object)?;
         Ok(bytes)
     }
