@@ -3,6 +3,7 @@
 //! - [`program`]: what `lanternd` can be asked to do;
 //! - [`service`]: the daemon at work;
 //! - [`control`]: the control socket;
+//! - [`log`]: where the log goes;
 //! - [`metrics`]: numbers for Prometheus;
 //! - [`ctl`]: what `lanternctl` is;
 //! - [`output`]: where an image goes, and when it is due;
@@ -11,6 +12,7 @@
 pub mod control;
 pub mod ctl;
 pub mod encode;
+pub mod log;
 pub mod metrics;
 pub mod output;
 pub mod program;

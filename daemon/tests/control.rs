@@ -12,7 +12,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::time::{Duration, Instant};
-use support::FakeDaemon;
+use support::{FakeDaemon, picture};
 
 const MIB: usize = 1 << 20;
 
@@ -76,7 +76,7 @@ fn each_op_is_answered() {
 
     // The picture comes right after its line, and the next line right after the picture.
     let reply = client.ask(&json!({"id": 7, "op": "snapshot", "projector": "left", "layer": "node"}));
-    let expected = support::picture(Layer::Node);
+    let expected = picture(Layer::Node);
     assert_eq!(reply, json!({"id": 7, "ok": {"bytes": expected.len(), "format": "png"}}));
     let mut bytes = vec![0; expected.len()];
     client.reader.read_exact(&mut bytes).unwrap();
@@ -275,6 +275,27 @@ fn a_client_that_does_not_read_is_dropped_and_holds_nobody_up() {
         assert!(Instant::now() < deadline, "still connected");
         std::thread::sleep(Duration::from_millis(50));
     }
+}
+
+#[test]
+fn who_asks_for_a_picture_waits_until_others_have_read_theirs() {
+    let daemon = FakeDaemon::start();
+    let request = json!({"id": 1, "op": "snapshot", "projector": "left", "layer": "color"});
+    // Each has read the line before its picture, and goes no further.
+    let mut stuck: Vec<_> = (0..4).map(|_| Client::connect(daemon.socket())).collect();
+    for client in &mut stuck {
+        assert!(client.ask(&request)["ok"]["bytes"].is_u64());
+    }
+    let mut other = Client::connect(daemon.socket());
+    assert_eq!(other.ask(&json!({"id": 2, "op": "status"}))["id"], 2);
+    assert!(stuck.iter_mut().all(|client| client.stream.write_all(b" ").is_ok()), "they are still served");
+
+    // Its picture comes when one of theirs was given up.
+    let length = other.ask(&request)["ok"]["bytes"].as_u64().unwrap();
+    let mut bytes = vec![0; length as usize];
+    other.reader.read_exact(&mut bytes).unwrap();
+    assert_eq!(bytes, picture(Layer::Color));
+    assert!(stuck.iter_mut().any(|client| client.stream.write_all(b" ").is_err()), "there was room for five");
 }
 
 /// A client that has been answered, once there is a place for it.

@@ -229,7 +229,7 @@ mod tests {
         assert!(matches!(read(Path::new("/dev/zero"), 4), Err(ReadError::NotAFile)));
         assert!(matches!(read(&folder.join("b"), 4), Err(ReadError::Io(_))));
         // A pipe that nobody writes to would hold up whoever opens it to read.
-        rustix::fs::mknodat(rustix::fs::CWD, &folder.join("pipe"), FileType::Fifo, Mode::RUSR, 0).unwrap();
+        rustix::fs::mknodat(rustix::fs::CWD, folder.join("pipe"), FileType::Fifo, Mode::RUSR, 0).unwrap();
         assert!(matches!(read(&folder.join("pipe"), 4), Err(ReadError::NotAFile)));
         let _socket = std::os::unix::net::UnixListener::bind(folder.join("socket")).unwrap();
         assert!(read(&folder.join("socket"), 4).is_err());

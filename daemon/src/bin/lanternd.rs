@@ -1,19 +1,16 @@
 //! `lanternd`: lights physical props with ray-traced images from many projectors, for a tracked viewer.
 
-use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use clap::Parser;
+use lantern::log::Log;
 use lantern::program::args::{Arguments, Command};
 use lantern::program::{bench, check, demo, devices, export};
 use lantern::service::lifecycle::{self, Options};
-use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let filter = EnvFilter::try_from_env("LANTERN_LOG").unwrap_or_else(|_| EnvFilter::new("info"));
-    let colours = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours).init();
+    let log = Log::start();
     let done = match arguments.command {
         Command::Run { config, socket, frames } => lifecycle::run(&Options { config, socket, frames }).map(|()| true),
         Command::Demo { out, frames } => demo::demo(&out, frames).map(|()| true),
@@ -30,7 +27,7 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
-            eprintln!("lanternd: {}", causes(&error));
+            log.fatal(&causes(&error));
             ExitCode::FAILURE
         }
     }

@@ -14,9 +14,7 @@ use tokio::net::unix::UCred;
 #[derive(Debug, thiserror::Error)]
 pub enum GroupError {
     /// Nobody of that name.
-    #[error(
-        "there is no group `{name}` on this machine; hint: groupadd makes one, `getent group` lists them"
-    )]
+    #[error("there is no group `{name}` on this machine; hint: groupadd makes one, `getent group` lists them")]
     Unknown {
         /// As in the configuration.
         name: String,

@@ -14,8 +14,8 @@ use lantern_render::{ProjectorSpec, RasterOrder, Settings};
 use lantern_scene::{Editor, Role, Scene, Structures};
 
 use super::frames::Setup;
-use crate::control::Door;
 use super::sources::Sources;
+use crate::control::Door;
 
 /// Everything wrong with a configuration and what it names.
 #[derive(Debug, thiserror::Error)]
