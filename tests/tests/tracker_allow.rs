@@ -1,5 +1,4 @@
 //! Who is not on a tracker's list is not heard, whatever the protocol: told from its address, before anything of the datagram is read.
-#![expect(clippy::unwrap_used, reason = "in a test, a failure")]
 
 use std::net::UdpSocket;
 
