@@ -78,8 +78,15 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let open: Open = Box::new(move || open_device(&again.0, &again.1));
     let device = open()?;
     tracing::info!(device = device.info().name, driver = device.info().driver_info, "rendering");
-    let served =
-        serve(&runtime, signals, options, (loaded, sources), (listener, door), (origin, store), (instance, device, open));
+    let served = serve(
+        &runtime,
+        signals,
+        options,
+        (loaded, sources),
+        (listener, door),
+        (origin, store),
+        (instance, device, open),
+    );
 
     // A request that still reads a large file is nobody's any more.
     runtime.shutdown_timeout(STOP_PATIENCE);
