@@ -5,6 +5,7 @@
 
 #include "include/frame.glsl"
 #include "include/pattern.glsl"
+#include "include/sent.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -20,23 +21,6 @@ layout(binding = 22) uniform sampler2D depth_image;
 layout(std430, binding = 23) buffer Shown { vec4 shown[]; };                   // linear radiance, weight
 layout(std430, binding = 24) buffer DepthAndNode { vec2 depth_and_node[]; };   // window z, scene node
 layout(std430, binding = 25) writeonly buffer Color { uint color[]; };         // RGBA8, sRGB
-
-// Whether the projector has alpha and beta maps: three words a pixel, six numbers of 16 bits from 0 to 1.
-layout(constant_id = 11) const uint MAPPED = 0u;
-layout(std430, binding = 41) readonly buffer Maps { uint maps[]; };
-
-// MPCDI: in · alpha · (1 − beta) + beta, on linear values.
-vec3 mapped(uint index, vec3 linear) {
-    vec2 a = unpackUnorm2x16(maps[3u * index]);
-    vec2 b = unpackUnorm2x16(maps[3u * index + 1u]);
-    vec2 c = unpackUnorm2x16(maps[3u * index + 2u]);
-    vec3 beta = vec3(b.y, c);
-    return linear * vec3(a, b.x) * (1.0 - beta) + beta;
-}
-
-float linear_to_srgb(float c) {
-    return c <= 0.0031308 ? c * 12.92 : 1.055 * pow(c, 1.0 / 2.4) - 0.055;
-}
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
@@ -56,11 +40,7 @@ void main() {
     shown[index] = mine;
     depth_and_node[index] = at;
     if (push.pass + 1u == push.passes) {
-        vec3 sent = clamp(mine.rgb * mine.a, vec3(0.0), vec3(1.0));
-        if (MAPPED != 0u) {
-            sent = mapped(index, sent);
-        }
-        vec3 encoded = vec3(linear_to_srgb(sent.r), linear_to_srgb(sent.g), linear_to_srgb(sent.b));
+        vec3 encoded = encode_srgb(sent_light(index, mine));
         if (setup.pattern != PATTERN_OFF) {
             encoded = pattern_color(setup.pattern, ivec2(pixel), ivec2(size), setup.projector_index);
         }

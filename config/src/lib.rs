@@ -24,7 +24,8 @@ pub use problem::Problem;
 pub use protocol::{Axes, Dtrack, Natnet, NatnetVersion, Opentrack, Osc, OscArgument, OscPattern, Protocol};
 pub use scene::{Environment, LightKind, Role, Scene, SceneLight, SceneMaterial, SceneNode};
 pub use types::{
-    Body, Config, Daemon, Device, Drives, Limits, Metrics, Output, Projector, RasterOrder, RayTracing, Render, Tracker,
+    Body, Config, Daemon, Device, Drives, Fullscreen, Limits, Metrics, Output, OutputKind, Pixels, Projector,
+    RasterOrder, RayTracing, Render, Tracker,
 };
 
 /// The demo's configuration, commented; also the place to start a configuration of one's own from.

@@ -100,11 +100,13 @@ pub struct Render {
     pub blend: bool,
     /// To look for faults: every frame is made wholly anew, and nothing of the last one kept.
     pub always_full: bool,
+    /// Whether frames may be coarser rather than late while things move; `None`: where an output shows them to people.
+    pub degrade: Option<bool>,
 }
 
 impl Default for Render {
     fn default() -> Self {
-        Self { samples: 4, max_depth: 8, raster: RasterOrder::After, blend: true, always_full: false }
+        Self { samples: 4, max_depth: 8, raster: RasterOrder::After, blend: true, always_full: false, degrade: None }
     }
 }
 
@@ -177,16 +179,69 @@ pub struct Projector {
     pub calibration: Calibration,
 }
 
+/// Where an image goes, and when.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Output {
+    /// Where.
+    pub kind: OutputKind,
+    /// Frames a second, 1 to 1000; `None`: what the screen says, and 60 where none does.
+    pub refresh_hz: Option<f64>,
+    /// From a frame's completion to its light, ms; 0 to 1000.
+    pub latency_ms: f64,
+    /// What its pixels are made of.
+    pub pixels: Pixels,
+    /// For HDR: how bright white is, cd/m²; 1 to 10000.
+    pub white_nits: f64,
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        let kind = OutputKind::Headless;
+        Self { kind, refresh_hz: None, latency_ms: 0.0, pixels: Pixels::Bits8, white_nits: 203.0 }
+    }
+}
+
 /// Where an image goes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Output {
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum OutputKind {
     /// Nowhere: it is kept for snapshots.
-    Headless {
-        /// Frames a second at most; 1 to 1000.
-        refresh_hz: f64,
-        /// From a frame's completion to its light, ms; 0 to 1000.
-        latency_ms: f64,
+    Headless,
+    /// Into a window of a desktop.
+    Window {
+        /// An X11 display (`:0`) or a Wayland socket (`wayland-1`); `None`: what the environment names, Wayland first.
+        server: Option<String>,
+        /// Whether it covers a monitor, and which.
+        fullscreen: Fullscreen,
     },
+    /// To a display without a desktop.
+    Display {
+        /// The connector that it is plugged in at, such as `DP-1`.
+        connector: Option<String>,
+        /// Who it is by its EDID, wherever it is plugged in.
+        edid: Option<String>,
+    },
+}
+
+/// Whether a window covers a monitor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Fullscreen {
+    /// It stands where the window manager likes.
+    No,
+    /// Some monitor.
+    Any,
+    /// The monitor of this name.
+    On(String),
+}
+
+/// What an output's pixels are made of; where the screen does not offer it, the next best is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pixels {
+    /// Eight bits a channel, sRGB.
+    Bits8,
+    /// Ten bits a channel, sRGB.
+    Bits10,
+    /// Ten bits a channel, BT.2020 and the perceptual quantiser.
+    Hdr10,
 }
 
 /// Bounds on what is taken in, so that memory is bounded whatever a client sends. Our addition to the contract.

@@ -363,9 +363,18 @@ fn a_body_carries_a_projector_that_there_is_and_no_other_body_does() {
 }
 
 #[test]
-fn what_is_not_built_is_refused_in_words() {
-    one("resolution_px", "output = { kind = \"window\" }\nresolution_px", "not built yet");
-    one("resolution_px", "output = { kind = \"display\", connector = \"DP-1\" }\nresolution_px", "not built yet");
+fn an_output_has_the_keys_of_its_kind() {
+    let output =
+        |keys: &str, words: &str| one("resolution_px", &format!("output = {{ {keys} }}\nresolution_px"), words);
+    output("kind = \"windwo\"", "did you mean \"window\"");
+    output("kind = \"headless\", connector = \"DP-1\"", "belongs to a display");
+    output("kind = \"window\", edid = \"EPS-0123\"", "belongs to a display");
+    output("kind = \"display\", connector = \"DP-1\", fullscreen = true", "belongs to a window");
+    output("kind = \"headless\", server = \":0\"", "belongs to a window");
+    output("kind = \"display\"", "known by its `connector` or its `edid`");
+    output("kind = \"window\", fullscreen = 1", "true or false");
+    output("kind = \"window\", pixels = \"12-bit\"", "\"10-bit\"");
+    output("kind = \"window\", pixels = \"hdr10\", white_nits = 0", "from 1 to 10000");
 }
 
 #[test]

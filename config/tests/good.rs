@@ -2,8 +2,8 @@
 
 use glam::{DMat4, DVec3, DVec4};
 use lantern_config::{
-    Calibration, Config, Convention, DEMO_TOML, Drives, Environment, Format, Limits, Matrices, Order, Output,
-    Projector, RasterOrder, RayTracing, Role, Unit,
+    Calibration, Config, Convention, DEMO_TOML, Drives, Environment, Format, Fullscreen, Limits, Matrices, Order,
+    Output, OutputKind, Pixels, Projector, RasterOrder, RayTracing, Role, Unit,
 };
 use std::path::{Path, PathBuf};
 
@@ -85,7 +85,7 @@ fn the_contracts_example() {
     assert_eq!(tracker.predict_lead_ms, None);
     let projector = &config.projectors[0];
     assert_eq!(projector.resolution_px, [1280, 800]);
-    assert_eq!(projector.output, Output::Headless { refresh_hz: 60.0, latency_ms: 0.0 });
+    assert_eq!(projector.output, Output { refresh_hz: Some(60.0), ..Output::default() });
     assert_eq!(matrices(projector).convention, Convention::OpenGl);
     assert_eq!(matrices(projector).view[1], [0.0, 1.0, 0.0, -1.0]);
     assert_eq!(config.limits, Limits::default());
@@ -115,7 +115,36 @@ fn poses_are_predicted_from_when_the_configuration_says() {
         assert_eq!(config.trackers[0].predict_lead_ms, lead_ms, "{value}");
     }
     let config = parse(&CONTRACT.replace("refresh_hz = 60", "refresh_hz = 60, latency_ms = 33.4"));
-    assert_eq!(config.projectors[0].output, Output::Headless { refresh_hz: 60.0, latency_ms: 33.4 });
+    assert_eq!(config.projectors[0].output.latency_ms, 33.4);
+}
+
+#[test]
+fn a_picture_goes_where_the_configuration_says() {
+    let of = |output: &str| {
+        let config = parse(&CONTRACT.replace("{ kind = \"headless\", refresh_hz = 60 }", output));
+        config.projectors[0].output.clone()
+    };
+    let window =
+        |server: Option<&str>, fullscreen| OutputKind::Window { server: server.map(str::to_owned), fullscreen };
+    assert_eq!(of("{ kind = \"window\" }"), Output { kind: window(None, Fullscreen::No), ..Output::default() });
+    assert_eq!(of("{ kind = \"window\", fullscreen = true }").kind, window(None, Fullscreen::Any));
+    assert_eq!(
+        of("{ kind = \"window\", fullscreen = false, server = \":1\" }").kind,
+        window(Some(":1"), Fullscreen::No)
+    );
+    assert_eq!(
+        of("{ kind = \"window\", fullscreen = \"HDMI-1\" }").kind,
+        window(None, Fullscreen::On("HDMI-1".into()))
+    );
+    let display = |connector: Option<&str>, edid: Option<&str>| OutputKind::Display {
+        connector: connector.map(str::to_owned),
+        edid: edid.map(str::to_owned),
+    };
+    assert_eq!(of("{ kind = \"display\", connector = \"DP-1\" }").kind, display(Some("DP-1"), None));
+    let hdr =
+        of("{ kind = \"display\", edid = \"EPS-0123\", pixels = \"hdr10\", white_nits = 400, refresh_hz = 59.94 }");
+    assert_eq!(hdr.kind, display(None, Some("EPS-0123")));
+    assert_eq!((hdr.pixels, hdr.white_nits, hdr.refresh_hz), (Pixels::Hdr10, 400.0, Some(59.94)));
 }
 
 #[test]

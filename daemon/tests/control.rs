@@ -104,17 +104,6 @@ fn refusals_say_what_and_where() {
     assert_eq!(reply["error"]["at"], "projector");
 }
 
-#[test]
-fn what_is_not_built_says_so() {
-    let daemon = FakeDaemon::start();
-    let mut client = Client::connect(daemon.socket());
-    let reply = client.ask(&json!({"id": 1, "op": "subscribe", "events": ["frame", "output"]}));
-    assert_eq!((&reply["id"], &reply["error"]["code"]), (&json!(1), &json!("not-built")));
-    assert_eq!(reply["error"]["at"], "events[1]");
-    assert!(reply["error"]["message"].as_str().unwrap().contains("not built yet"));
-    assert!(daemon.engine.edits.lock().unwrap().is_empty());
-}
-
 fn scene(revision: u64) -> Event {
     Event::Scene(SceneEvent { revision, frame: 5, nodes: 2 })
 }

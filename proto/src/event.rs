@@ -18,6 +18,8 @@ pub enum Event {
     Scene(SceneEvent),
     /// A tracker fell silent, or spoke again.
     Tracker(TrackerEvent),
+    /// An output came, went, or fell dark.
+    Output(OutputEvent),
     /// Events before this line were lost, because the subscriber reads too slowly.
     Lost(Lost),
 }
@@ -125,6 +127,32 @@ pub enum TrackerState {
     Silent,
     /// Something was.
     Speaking,
+}
+
+/// What has become of a projector's output.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OutputEvent {
+    /// The projector's name.
+    pub projector: String,
+    /// How it is now.
+    pub state: OutputState,
+    /// Why, where it shows no picture.
+    pub detail: Option<String>,
+}
+
+/// Whether an output shows its picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OutputState {
+    /// It does.
+    #[default]
+    Shown,
+    /// It is black: its pixels are not those that the picture was made for, or there is no picture yet.
+    Black,
+    /// It is a window without pixels, such as a minimised one.
+    Hidden,
+    /// It is not there.
+    Lost,
 }
 
 /// Events that a subscriber does not get.

@@ -2,6 +2,7 @@
 //!
 //! The contract's example is the least that it holds; readers skip what they do not know.
 
+use crate::event::OutputState;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -142,6 +143,24 @@ pub struct OthersStatus {
     pub bodies: Vec<String>,
 }
 
+/// A projector's output.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct OutputStatus {
+    /// Whether it shows the picture.
+    pub state: OutputState,
+    /// Why it does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detail: Option<String>,
+    /// The server of a window, the connector of a display.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub place: String,
+    /// What its pixels are made of: `8-bit`, `10-bit` or `hdr10`.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub pixels: String,
+    /// How often it shows another image.
+    pub refresh_hz: f64,
+}
+
 /// A projector's state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ProjectorStatus {
@@ -149,6 +168,12 @@ pub struct ProjectorStatus {
     pub resolution_px: [u32; 2],
     /// `headless`, `window` or `display`.
     pub output: String,
+    /// How that is.
+    #[serde(default)]
+    pub screen: OutputStatus,
+    /// Whether what it shows was made coarser, so as to follow what moves.
+    #[serde(default)]
+    pub coarse: bool,
     /// Shown since the start.
     pub frames: u64,
     /// Frames that came too late to be shown.

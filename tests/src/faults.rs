@@ -38,6 +38,11 @@ pub const LOST: Failure = Failure { name: "ERROR_DEVICE_LOST", number: -4 };
 /// `VK_TIMEOUT`: the device hangs from then on.
 pub const HUNG: Failure = Failure { name: "TIMEOUT", number: 2 };
 
+/// `VK_ERROR_SURFACE_LOST_KHR`.
+pub const NO_SURFACE: Failure = Failure { name: "ERROR_SURFACE_LOST_KHR", number: -1_000_000_000 };
+/// `VK_ERROR_OUT_OF_DATE_KHR`.
+pub const OUTDATED: Failure = Failure { name: "ERROR_OUT_OF_DATE_KHR", number: -1_000_001_004 };
+
 /// A call that is to fail.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {

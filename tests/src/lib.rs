@@ -1,6 +1,7 @@
 //! Tests from outside: the oracle in f64, the harness, and what must hold.
 
 pub mod client;
+pub mod desktops;
 pub mod faults;
 pub mod gpu;
 pub mod harness;

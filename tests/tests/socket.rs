@@ -214,7 +214,6 @@ fn refusals_change_nothing_and_say_where() {
         ("snapshot", json!({"projector": "left", "layer": "smell"}), "bad-request", "layer"),
         ("status", json!({"verbose": true}), "bad-request", "verbose"),
         ("scene.burn", json!({}), "unknown-op", "op"),
-        ("subscribe", json!({"events": ["frame", "output"]}), "not-built", "events[1]"),
         ("subscribe", json!({"events": ["smell"]}), "bad-request", "events[0]"),
         ("pattern", json!({"name": "grid", "projector": "middle"}), "unknown-projector", "projector"),
         ("pattern", json!({"name": "plaid"}), "bad-request", "name"),

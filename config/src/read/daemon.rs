@@ -64,6 +64,7 @@ pub(crate) fn render(table: Table<'_>) -> Render {
     if let Some(blend) = table.get("blend").and_then(|value| value.boolean()) {
         render.blend = blend;
     }
+    render.degrade = table.get("degrade").and_then(|value| value.boolean());
     if let Some(always_full) = table.get("always_full").and_then(|value| value.boolean()) {
         render.always_full = always_full;
     }

@@ -3,7 +3,7 @@
 use super::calibration::calibration;
 use super::unique_name;
 use crate::reader::{Table, Value};
-use crate::types::{Output, Projector};
+use crate::types::{Fullscreen, Output, OutputKind, Pixels, Projector};
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -20,7 +20,7 @@ fn projector(table: Table<'_>, taken: &mut HashSet<String>, base_dir: &Path) -> 
     let name = unique_name(&table, "projector", taken, "\"left\"");
     let resolution_px = table.required("resolution_px", "[1280, 800]").and_then(|value| resolution_px(&value));
     let output = match table.get("output") {
-        None => Some(Output::Headless { refresh_hz: 60.0, latency_ms: 0.0 }),
+        None => Some(Output::default()),
         Some(value) => value.table().and_then(output),
     };
     let calibration = table
@@ -47,22 +47,52 @@ fn output(table: Table<'_>) -> Option<Output> {
         Display,
     }
     let kinds = [("headless", Kind::Headless), ("window", Kind::Window), ("display", Kind::Display)];
-    let kind_value = table.required("kind", "\"headless\"");
-    let kind = kind_value.as_ref().and_then(|value| value.choice(&kinds));
+    let kind = table.required("kind", "\"headless\"").and_then(|value| value.choice(&kinds));
     let refresh = table.get("refresh_hz");
     let refresh_hz = refresh.and_then(|v| v.number_where("from 1 to 1000", |hz| (1.0..=1000.0).contains(&hz)));
-
     let latency = table.get("latency_ms");
     let latency_ms = latency.and_then(|v| v.number_where("from 0 to 1000", |ms| (0.0..=1000.0).contains(&ms)));
+    let pixels = [("8-bit", Pixels::Bits8), ("10-bit", Pixels::Bits10), ("hdr10", Pixels::Hdr10)];
+    let pixels = table.get("pixels").map(|value| value.choice(&pixels));
+    let white = table.get("white_nits");
+    let white_nits = white.and_then(|v| v.number_where("from 1 to 10000", |nits| (1.0..=10_000.0).contains(&nits)));
 
-    // A connector is a display's; where displays are refused as a whole it needs no words of its own.
-    if let (Some(connector), Some(Kind::Headless)) = (table.get("connector"), kind) {
-        connector.problem("a headless output has no connector", "remove `connector`");
-    }
-    if let (Some(value), Some(Kind::Window | Kind::Display)) = (&kind_value, kind) {
-        value.problem("outputs other than headless are not built yet", "write output = { kind = \"headless\" }");
+    // Each kind has keys of its own; one of another's would be lost without a word.
+    let own = |key: &'static str, of: Kind, owner: &str| {
+        let value = table.get(key)?;
+        if kind.is_some_and(|kind| kind != of) {
+            value.problem(format!("`{}` belongs to {owner}", value.path), format!("remove `{key}`, or change `kind`"));
+            return None;
+        }
+        Some(value)
+    };
+    let server = own("server", Kind::Window, "a window").and_then(|value| value.name());
+    let fullscreen = own("fullscreen", Kind::Window, "a window").and_then(|value| {
+        if value.is_string() {
+            return value.name().map(Fullscreen::On);
+        }
+        value.boolean().map(|all| if all { Fullscreen::Any } else { Fullscreen::No })
+    });
+    let connector = own("connector", Kind::Display, "a display").and_then(|value| value.name());
+    let edid = own("edid", Kind::Display, "a display").and_then(|value| value.name());
+    if kind == Some(Kind::Display) && table.get("connector").is_none() && table.get("edid").is_none() {
+        table.problem(
+            "a display is known by its `connector` or its `edid`, and neither is there",
+            "add connector = \"DP-1\", or edid = \"EPS-0123\"; lanternd devices lists both",
+        );
     }
     table.finish();
-    let (refresh_hz, latency_ms) = (refresh_hz.unwrap_or(60.0), latency_ms.unwrap_or_default());
-    (kind == Some(Kind::Headless)).then_some(Output::Headless { refresh_hz, latency_ms })
+    let kind = match kind? {
+        Kind::Headless => OutputKind::Headless,
+        Kind::Window => OutputKind::Window { server, fullscreen: fullscreen.unwrap_or(Fullscreen::No) },
+        Kind::Display => OutputKind::Display { connector, edid },
+    };
+    let default = Output::default();
+    Some(Output {
+        kind,
+        refresh_hz,
+        latency_ms: latency_ms.unwrap_or(default.latency_ms),
+        pixels: pixels.map_or(Some(default.pixels), |pixels| pixels)?,
+        white_nits: white_nits.unwrap_or(default.white_nits),
+    })
 }

@@ -46,6 +46,8 @@ pub(crate) enum Access {
     ComputeStructure,
     /// A structure that a vertex or fragment shader walks.
     GraphicsStructure,
+    /// An image that a screen shows.
+    Shown,
 }
 
 /// What an access is in Vulkan's terms.
@@ -58,7 +60,7 @@ pub(crate) struct Scope {
 }
 
 impl Access {
-    pub(crate) const COUNT: usize = 19;
+    pub(crate) const COUNT: usize = 20;
 
     pub(crate) const ALL: [Access; Access::COUNT] = [
         Access::ComputeUniform,
@@ -80,6 +82,7 @@ impl Access {
         Access::StructureWrite,
         Access::ComputeStructure,
         Access::GraphicsStructure,
+        Access::Shown,
     ];
 
     /// The table.
@@ -111,6 +114,8 @@ impl Access {
             Access::StructureWrite => (build, walk | A::ACCELERATION_STRUCTURE_WRITE_KHR, L::UNDEFINED),
             Access::ComputeStructure => (compute, walk, L::UNDEFINED),
             Access::GraphicsStructure => (graphics, walk, L::UNDEFINED),
+            // Semaphores stand before and behind it, and reach all stages.
+            Access::Shown => (S::NONE, A::NONE, L::PRESENT_SRC_KHR),
         };
         Scope { stages, access, layout }
     }
@@ -178,7 +183,7 @@ mod tests {
         for (bit, access) in (0u32..).zip(Access::ALL) {
             assert_eq!(access as u32, bit);
         }
-        assert_eq!(Access::GraphicsStructure as usize + 1, Access::COUNT);
+        assert_eq!(Access::Shown as usize + 1, Access::COUNT);
     }
 
     #[test]
@@ -222,7 +227,8 @@ mod tests {
                 }
             }
             assert!(left.is_empty(), "{access:?}: {left:?} is in no row");
-            assert!(!scope.stages.is_empty() && !scope.access.is_empty());
+            let by_semaphores = access == Access::Shown;
+            assert_eq!((scope.stages.is_empty(), scope.access.is_empty()), (by_semaphores, by_semaphores));
         }
     }
 

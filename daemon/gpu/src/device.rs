@@ -112,6 +112,11 @@ impl Device {
         &self.handle.info
     }
 
+    /// The instance that it was opened by.
+    pub fn instance(&self) -> &Arc<Instance> {
+        &self.handle.instance
+    }
+
     /// What the device allows.
     pub fn limits(&self) -> &Limits {
         &self.handle.limits

@@ -53,6 +53,12 @@ pub enum GpuError {
         /// What was being done.
         operation: String,
     },
+    /// What images were shown on has gone: a window was closed, a display unplugged.
+    #[error("{object} has gone: nothing can be shown on it any more")]
+    SurfaceLost {
+        /// The window or display.
+        object: String,
+    },
     /// The device has no memory left for this object.
     #[error("{operation}: out of device memory; hint: a smaller scene or resolution, or fewer samples")]
     OutOfDeviceMemory {

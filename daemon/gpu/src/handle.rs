@@ -13,6 +13,7 @@ use crate::features::Features;
 use crate::info::DeviceInfo;
 use crate::instance::Instance;
 use crate::naming::Naming;
+use crate::optional::Optional;
 use crate::patience::Patience;
 use crate::ray_query::{self, RayQueries};
 
@@ -73,6 +74,8 @@ pub(crate) struct DeviceHandle {
     pub(crate) info: DeviceInfo,
     pub(crate) limits: Limits,
     pub(crate) features: Features,
+    /// What outputs use of it, all switched on.
+    pub(crate) optional: Optional,
     /// Where the device was opened with them.
     ray_queries: Option<RayQueries>,
     pub(crate) physical: vk::PhysicalDevice,
@@ -99,8 +102,9 @@ impl DeviceHandle {
         wants_ray_queries: bool,
     ) -> Result<Arc<DeviceHandle>, GpuError> {
         let features = Features::query(instance, physical).enabled(wants_ray_queries);
-        let raw =
-            create_raw(instance, physical, &features, (serving, transfer, queues), wants_ray_queries, &info.name)?;
+        let optional = Optional::query(instance, physical);
+        let families = (serving, transfer, queues);
+        let raw = create_raw(instance, physical, &features, families, (optional, wants_ray_queries), &info.name)?;
 
         // From here on the device is owned by the handle, so that it is destroyed if the allocator cannot be made.
         let has_names = instance.has(ext::debug_utils::NAME);
@@ -112,6 +116,7 @@ impl DeviceHandle {
             limits: limits(instance, physical, serving.timestamp_valid_bits),
             info,
             features,
+            optional,
             ray_queries: wants_ray_queries.then(|| RayQueries::new(instance, physical, &raw)),
             physical,
             families: [Some(serving), transfer].into_iter().flatten().map(|family| family.index).collect(),
@@ -168,7 +173,7 @@ fn create_raw(
     physical: vk::PhysicalDevice,
     features: &Features,
     (serving, transfer, queues): (Family, Option<Family>, u32),
-    with_ray_queries: bool,
+    (optional, with_ray_queries): (Optional, bool),
     name: &str,
 ) -> Result<ash::Device, GpuError> {
     let priorities = vec![1.0; queues as usize];
@@ -184,11 +189,21 @@ fn create_raw(
         .push_next(&mut features.v12)
         .push_next(&mut features.v13);
     let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queue_infos).push_next(&mut all);
-    let extensions = ray_query::EXTENSIONS.map(std::ffi::CStr::as_ptr);
+    let mut names = optional.extensions();
     let (mut structures, mut queries) = ray_query::switches();
     if with_ray_queries {
-        info = info.enabled_extension_names(&extensions).push_next(&mut structures).push_next(&mut queries);
+        names.extend(ray_query::EXTENSIONS);
+        info = info.push_next(&mut structures).push_next(&mut queries);
     }
+    let mut switches = Optional::switches();
+    if optional.present_wait {
+        info = info.push_next(&mut switches.present_id).push_next(&mut switches.present_wait);
+    }
+    if optional.present_barrier {
+        info = info.push_next(&mut switches.present_barrier);
+    }
+    let extensions: Vec<_> = names.into_iter().map(std::ffi::CStr::as_ptr).collect();
+    info = info.enabled_extension_names(&extensions);
     // SAFETY: the physical device is of this instance, has that many queues in these families, which differ, and
     // has every feature and extension asked for; all that `info` points to lives until the call returns.
     unsafe { instance.raw().create_device(physical, &info, None) }

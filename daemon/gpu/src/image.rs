@@ -6,57 +6,13 @@ use std::sync::{Arc, Mutex};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 
+use crate::chain::RawSwapchain;
 use crate::device::Device;
 use crate::error::GpuError;
+use crate::format::ImageFormat;
 use crate::handle::DeviceHandle;
 use crate::history::History;
 use crate::memory::Memory;
-
-/// The format of an image's pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ImageFormat {
-    /// Four bytes that a shader sees as 0 to 1.
-    Rgba8Unorm,
-    /// Four 16-bit floats.
-    Rgba16Float,
-    /// Four 32-bit floats.
-    Rgba32Float,
-    /// One 32-bit float.
-    R32Float,
-    /// One 32-bit unsigned integer.
-    R32Uint,
-    /// Depth as a 32-bit float.
-    Depth32,
-}
-
-impl ImageFormat {
-    /// Bytes of one pixel, in a buffer that the image is copied to.
-    pub fn bytes(self) -> u64 {
-        match self {
-            ImageFormat::Rgba8Unorm | ImageFormat::R32Float | ImageFormat::R32Uint | ImageFormat::Depth32 => 4,
-            ImageFormat::Rgba16Float => 8,
-            ImageFormat::Rgba32Float => 16,
-        }
-    }
-
-    pub(crate) fn raw(self) -> vk::Format {
-        match self {
-            ImageFormat::Rgba8Unorm => vk::Format::R8G8B8A8_UNORM,
-            ImageFormat::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
-            ImageFormat::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
-            ImageFormat::R32Float => vk::Format::R32_SFLOAT,
-            ImageFormat::R32Uint => vk::Format::R32_UINT,
-            ImageFormat::Depth32 => vk::Format::D32_SFLOAT,
-        }
-    }
-
-    pub(crate) fn aspect(self) -> vk::ImageAspectFlags {
-        match self {
-            ImageFormat::Depth32 => vk::ImageAspectFlags::DEPTH,
-            _ => vk::ImageAspectFlags::COLOR,
-        }
-    }
-}
 
 /// What an image may be used for; combined by `|`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -109,6 +65,8 @@ pub struct Image {
     pub(crate) device: Arc<DeviceHandle>,
     pub(crate) history: Mutex<History>,
     memory: Option<Memory>,
+    /// Where the image is a surface's: what owns it.
+    swapchain: Option<Arc<RawSwapchain>>,
     name: String,
     width_px: u32,
     height_px: u32,
@@ -166,6 +124,7 @@ impl Image {
             device: Arc::clone(device),
             history: Mutex::default(),
             memory: None,
+            swapchain: None,
             name: name.into(),
             width_px,
             height_px,
@@ -176,16 +135,43 @@ impl Image {
 
         // A view is for shaders and attachments; an image for copies alone may have none.
         if usage != ImageUsage::TRANSFER {
-            let info = vk::ImageViewCreateInfo::default()
-                .image(raw)
-                .view_type(vk::ImageViewType::TYPE_2D)
-                .format(format.raw())
-                .subresource_range(image.range());
-            // SAFETY: the image has memory and a usage that a view may have.
-            image.view = unsafe { device.raw.create_image_view(&info, None) }
-                .map_err(|result| GpuError::vulkan(format!("creating the view of image {name:?}"), result))?;
+            image.make_view()?;
         }
         Ok(Arc::new(image))
+    }
+
+    /// An image of a swapchain, to be drawn to.
+    ///
+    /// # Safety
+    /// `raw` is an image of `swapchain`, of this device, size and format.
+    pub(crate) unsafe fn of_swapchain(
+        device: &Arc<DeviceHandle>,
+        name: &str,
+        raw: vk::Image,
+        [width_px, height_px]: [u32; 2],
+        format: ImageFormat,
+        swapchain: Arc<RawSwapchain>,
+    ) -> Result<Arc<Image>, GpuError> {
+        let mut image = Image {
+            raw,
+            view: vk::ImageView::null(),
+            device: Arc::clone(device),
+            history: Mutex::default(),
+            memory: None,
+            swapchain: Some(swapchain),
+            name: name.into(),
+            width_px,
+            height_px,
+            format,
+            usage: ImageUsage::COLOR,
+        };
+        image.make_view()?;
+        Ok(Arc::new(image))
+    }
+
+    /// Whether it is a surface's, and so taken and handed over by semaphores.
+    pub(crate) fn is_of_swapchain(&self) -> bool {
+        self.swapchain.is_some()
     }
 
     /// Its width in pixels.
@@ -236,6 +222,18 @@ impl Image {
         }
     }
 
+    fn make_view(&mut self) -> Result<(), GpuError> {
+        let info = vk::ImageViewCreateInfo::default()
+            .image(self.raw)
+            .view_type(vk::ImageViewType::TYPE_2D)
+            .format(self.format.raw())
+            .subresource_range(self.range());
+        // SAFETY: the image has memory and a usage that a view may have.
+        self.view = unsafe { self.device.raw.create_image_view(&info, None) }
+            .map_err(|result| GpuError::vulkan(format!("creating the view of image {:?}", self.name), result))?;
+        Ok(())
+    }
+
     fn bind_memory(&mut self) -> Result<(), GpuError> {
         // SAFETY: the image was just created and has no memory yet; the memory suits its requirements, and `self`
         // drops the image before the memory.
@@ -255,10 +253,12 @@ impl Image {
 impl Drop for Image {
     fn drop(&mut self) {
         // SAFETY: whatever uses the image on the device holds it by Arc until it has completed, so nothing does; the
-        // view is null or this image's, and the memory is dropped after this.
+        // view is null or this image's, and the memory is dropped after this. A swapchain destroys its images itself.
         unsafe {
             self.device.raw.destroy_image_view(self.view, None);
-            self.device.raw.destroy_image(self.raw, None);
+            if self.swapchain.is_none() {
+                self.device.raw.destroy_image(self.raw, None);
+            }
         }
     }
 }

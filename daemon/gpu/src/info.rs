@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char};
 
-use ash::{ext, khr, vk};
+use ash::{ext, khr, nv, vk};
 
 use crate::error::GpuError;
 use crate::families::{self, Family};
@@ -222,6 +222,7 @@ fn abilities(
     let on = |feature: vk::Bool32| feature == vk::TRUE;
     let timestamps = families::serving(of).is_some_and(|family| family.timestamp_valid_bits > 0);
     BTreeMap::from([
+        ("acquire_drm_display", instance.has(ext::acquire_drm_display::NAME)),
         ("acceleration_structure", has(khr::acceleration_structure::NAME)),
         ("calibrated_timestamps", has(ext::calibrated_timestamps::NAME) || has(khr::calibrated_timestamps::NAME)),
         ("descriptor_indexing", on(features.v12.descriptor_indexing)),
@@ -231,14 +232,19 @@ fn abilities(
         ("external_memory_fd", has(khr::external_memory_fd::NAME)),
         ("external_semaphore_fd", has(khr::external_semaphore_fd::NAME)),
         ("headless_surface", instance.has(ext::headless_surface::NAME)),
+        ("hdr_metadata", has(ext::hdr_metadata::NAME)),
+        ("present_barrier", has(nv::present_barrier::NAME)),
         ("present_id", has(khr::present_id::NAME)),
         ("present_wait", has(khr::present_wait::NAME)),
         ("ray_query", ray_query::is_offered(instance, device, features)),
         ("robust_buffer_access", on(features.core.robust_buffer_access)),
         ("scalar_block_layout", on(features.v12.scalar_block_layout)),
         ("swapchain", has(khr::swapchain::NAME)),
+        ("swapchain_colorspace", instance.has(ext::swapchain_colorspace::NAME)),
         ("synchronization2", on(features.v13.synchronization2)),
         ("timeline_semaphore", on(features.v12.timeline_semaphore)),
+        ("window_wayland", instance.has(khr::wayland_surface::NAME)),
+        ("window_x11", instance.has(khr::xcb_surface::NAME)),
         ("timestamps", timestamps && limits.timestamp_period > 0.0),
     ])
 }
@@ -272,7 +278,7 @@ fn text(name: Option<&CStr>) -> String {
 ///
 /// # Safety
 /// The pointer is null or a C string that lives through this call.
-unsafe fn name_at(name: *const c_char) -> String {
+pub(crate) unsafe fn name_at(name: *const c_char) -> String {
     // SAFETY: by this function's contract, once it is not null.
     let name = (!name.is_null()).then(|| unsafe { CStr::from_ptr(name) });
     text(name)

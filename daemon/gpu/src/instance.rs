@@ -43,14 +43,25 @@ impl Instance {
     /// [`GpuError::NoLoader`], [`GpuError::OldLoader`], [`GpuError::NoDriver`] (a loader without a usable device) and
     /// [`GpuError::NoValidationLayer`] name what to install.
     pub fn new(validation: Validation) -> Result<Arc<Instance>, GpuError> {
+        // A layer of Mesa's connects to the compositor wherever its windows are switched on, and complains on the standard error
+        // where the environment has none.
+        Instance::with(validation, std::env::var_os("XDG_RUNTIME_DIR").is_some())
+    }
+
+    /// The same, able to show windows of a Wayland compositor or not.
+    ///
+    /// # Errors
+    /// As [`Instance::new`].
+    pub fn with(validation: Validation, wayland: bool) -> Result<Arc<Instance>, GpuError> {
         // SAFETY: the library found by its usual name is the system's Vulkan loader, whose initialisers are sound.
         let entry = unsafe { ash::Entry::load() }.map_err(|source| GpuError::NoLoader { source })?;
         require_vulkan_1_3(&entry)?;
 
-        // Take the optional extensions that are there: names and messages, and what lists displays.
+        // Take the optional extensions that are there: names and messages, and what images are shown on.
         let validate = validation == Validation::On;
         let layer = if validate { Some(validation_layer(&entry)?) } else { None };
-        let extensions = wanted_extensions(&entry, layer)?;
+        let mut extensions = wanted_extensions(&entry, layer)?;
+        extensions.retain(|name| wayland || *name != khr::wayland_surface::NAME);
         let has_messages = extensions.contains(&ext::debug_utils::NAME);
 
         let messages = Box::new(Messages::default());
@@ -148,7 +159,18 @@ fn wanted_extensions(entry: &ash::Entry, layer: Option<&CStr>) -> Result<Vec<&'s
         there.extend(listed);
     }
 
-    let mut wanted = vec![ext::debug_utils::NAME, khr::surface::NAME, khr::display::NAME, ext::headless_surface::NAME];
+    let mut wanted = vec![
+        ext::debug_utils::NAME,
+        khr::surface::NAME,
+        khr::get_surface_capabilities2::NAME,
+        khr::xcb_surface::NAME,
+        khr::wayland_surface::NAME,
+        khr::display::NAME,
+        ext::headless_surface::NAME,
+        ext::direct_mode_display::NAME,
+        ext::acquire_drm_display::NAME,
+        ext::swapchain_colorspace::NAME,
+    ];
     if layer.is_some() {
         wanted.push(ext::validation_features::NAME);
     }

@@ -143,10 +143,21 @@ impl Device {
                 .value(value)
                 .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
         };
+        // Images of surfaces are taken and handed over by semaphores without values.
+        let binary =
+            |raw| vk::SemaphoreSubmitInfo::default().semaphore(raw).stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS);
         let waits: Vec<Vec<_>> = (parts.iter())
-            .map(|(_, waits, _)| waits.values().map(|(timeline, value)| semaphore(timeline, *value)).collect())
+            .map(|(commands, waits, _)| {
+                let taken = commands.surface().map(|[taken, _]| binary(taken));
+                waits.values().map(|(timeline, value)| semaphore(timeline, *value)).chain(taken).collect()
+            })
             .collect();
-        let signals: Vec<_> = parts.iter().map(|(.., value)| [semaphore(&queue.timeline, *value)]).collect();
+        let signals: Vec<Vec<_>> = (parts.iter())
+            .map(|(commands, _, value)| {
+                let drawn = commands.surface().map(|[_, drawn]| binary(drawn));
+                [semaphore(&queue.timeline, *value)].into_iter().chain(drawn).collect()
+            })
+            .collect();
         let buffers: Vec<_> = (parts.iter())
             .map(|(commands, ..)| [vk::CommandBufferSubmitInfo::default().command_buffer(commands.raw())])
             .collect();
@@ -161,7 +172,7 @@ impl Device {
         let name = parts.first().map_or("", |(commands, ..)| commands.name());
         // SAFETY: the queue's lock is held by the caller. The command buffers are complete and submitted this once; all
         // that they use, and their timeline, are parked by the caller until they have completed. The semaphores are
-        // timelines of this device; the values waited for were submitted, or are by the caller after this, which sees to it
+        // timelines of this device, or those of a surface's image, which was taken; the values waited for were submitted, or are by the caller after this, which sees to it
         // that they come even where that fails; those signalled are the next.
         unsafe { self.handle.raw.queue_submit2(queue.raw, &infos, vk::Fence::null()) }
             .map_err(|result| GpuError::vulkan(format!("submitting {name:?}"), result))?;

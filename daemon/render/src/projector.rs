@@ -15,6 +15,7 @@ use crate::jitter::sample_state;
 use crate::moved::MovedTable;
 use crate::pattern::Pattern;
 use crate::pipelines::Pipelines;
+use crate::present::{Present, Target};
 use crate::raster::RasterNode;
 use crate::settings::{ProjectorSpec, RasterOrder, Settings};
 use crate::stale::{Change, Stale};
@@ -37,7 +38,13 @@ pub(crate) struct Projector {
     pub(crate) stale: Stale,
     pub(crate) pattern: Pattern,
     pub(crate) shown_viewers: Vec<DVec3>,
+    /// Whether samples may stand for all of a pixel's without a look at its neighbours; and whether the picture was made so.
+    pub(crate) coarse: bool,
+    pub(crate) is_coarse: bool,
+    /// Whether its screen is to show another picture.
+    pub(crate) due: bool,
     constants_written: bool,
+    present: Option<Present>,
 }
 
 impl Projector {
@@ -61,7 +68,11 @@ impl Projector {
             stale: Stale::EVERYTHING,
             pattern: Pattern::Off,
             shown_viewers: Vec::new(),
+            coarse: false,
+            is_coarse: false,
+            due: true,
             constants_written: false,
+            present: None,
         })
     }
 
@@ -171,7 +182,7 @@ impl Projector {
             blend::record(recorder, bound, targets, index, shares)?;
         }
         if stale.look {
-            secondary::record(recorder, bound, targets, settings)?;
+            secondary::record(recorder, bound, targets, settings, !self.coarse)?;
         }
         recorder.span("composite", |recorder| self.record_composite(recorder, bound, settings))
     }
@@ -192,6 +203,21 @@ impl Projector {
             resolve::record(recorder, bound, pass, strata * strata, self.targets.groups())?;
         }
         Ok(())
+    }
+
+    /// Draws what it shows into an image of its output, which has as many pixels.
+    pub(crate) fn record_present(
+        &mut self,
+        device: &Arc<Device>,
+        recorder: &mut Recorder,
+        target: &Target<'_>,
+    ) -> Result<(), GpuError> {
+        let mapped = !self.spec.calibration.maps().is_empty();
+        let of = match self.present.take().filter(|present| present.serves(target)) {
+            Some(present) => present,
+            None => Present::new(device, &self.targets, mapped, target)?,
+        };
+        self.present.insert(of).record(recorder, &self.targets, target)
     }
 
     /// A recording for its queue.
@@ -221,8 +247,16 @@ impl Projector {
         self.targets.frame.write(&GpuFrame::new(frustum, scene, &self.shown_viewers), &setup)
     }
 
+    /// Whether the next frame has anything to do for it: nothing but another eye can wait until its screen is due.
+    pub(crate) fn takes_part(&self) -> bool {
+        self.stale.any() && (self.due || !self.stale.is_of_eye_alone())
+    }
+
     /// What was recorded has been shown.
     pub(crate) fn done(&mut self) {
+        if self.stale.look {
+            self.is_coarse = self.coarse;
+        }
         self.stale = Stale::NOTHING;
         self.constants_written = true;
     }

@@ -16,6 +16,7 @@ use crate::loads::Loads;
 use crate::moved::{MovedBoxes, MovedTable};
 use crate::pattern::Pattern;
 use crate::pipelines::{Features, Pipelines};
+use crate::present::Target;
 use crate::projector::Projector;
 use crate::readback::{self, Layer, LayerImage};
 use crate::record::{self, RayKind, Recorded};
@@ -263,6 +264,11 @@ impl Renderer {
         self.pending.is_some()
     }
 
+    /// Whether anything was ever rendered.
+    pub fn has_shown(&self) -> bool {
+        self.has_shown
+    }
+
     /// Brings what these scenes hold to the device, beside the frames, and keeps it there as long as they are among those given
     /// last. A revision made of it can then be shown at once, and none that comes in between has to wait.
     ///
@@ -324,6 +330,40 @@ impl Renderer {
         self.make_stale(stale);
     }
 
+    /// Whether frames from now on leave out the second look at pixels of which one sample stands for all: faster, and coarser where
+    /// what a mirror shows has edges. A picture that was made so is stale once this is off again.
+    pub fn set_coarse(&mut self, coarse: bool) {
+        for projector in &mut self.projectors {
+            projector.coarse = coarse;
+            if projector.is_coarse && !coarse {
+                projector.stale |= Change::Eye.makes_stale();
+            }
+        }
+    }
+
+    /// Whether any projector shows a picture that was made so.
+    pub fn is_coarse(&self) -> bool {
+        self.projectors.iter().any(|p| p.is_coarse)
+    }
+
+    /// Whether frames can be made coarser at all: not where a pixel has one sample anyway.
+    pub fn can_be_coarse(&self) -> bool {
+        self.settings.shades_once()
+    }
+
+    /// Which projectors' screens are due, by their place: one that is not waits with what its picture lacks where that is nothing but
+    /// another eye. Whoever asks later gets it whole. Those beyond the list's end are due.
+    pub fn set_due(&mut self, due: &[bool]) {
+        for (index, projector) in self.projectors.iter_mut().enumerate() {
+            projector.due = due.get(index).copied().unwrap_or(true);
+        }
+    }
+
+    /// Whether a projector whose screen was not due has yet to show something.
+    pub fn is_behind(&self) -> bool {
+        self.projectors.iter().any(|p| p.stale.any())
+    }
+
     /// Makes something stale on every projector; for benches, and for tests of what a frame redoes.
     pub fn make_stale(&mut self, stale: Stale) {
         for projector in &mut self.projectors {
@@ -370,6 +410,26 @@ impl Renderer {
         self.projectors.iter().map(|p| p.pattern)
     }
 
+    /// Draws what a projector shows into an image of its output: what the last frame made of it, whole; black where there was none
+    /// yet, or where the image has other columns or rows, since no pixel's light would then fall where it belongs. False where it
+    /// is black for one of these reasons.
+    ///
+    /// # Errors
+    /// What Vulkan says.
+    pub fn present(
+        &mut self,
+        recorder: &mut Recorder,
+        projector: usize,
+        target: &Target<'_>,
+    ) -> Result<bool, GpuError> {
+        let size_px = [target.image.width_px(), target.image.height_px()];
+        let fits = |p: &&mut Projector| self.has_shown && p.targets.size_px == size_px;
+        match self.projectors.get_mut(projector).filter(fits) {
+            Some(of) => of.record_present(&self.device, recorder, target).map(|()| true),
+            None => target.record_black(recorder).map(|()| false),
+        }
+    }
+
     /// Renders what is stale. `newest_viewers` is asked twice: to learn whether an eye has moved, and again right before the
     /// submissions, whose frames all show what that second answer says. `None`: nothing was stale, nothing was submitted.
     ///
@@ -388,7 +448,7 @@ impl Renderer {
             }
         }
         let (uploaded_bytes, sections) = self.upload()?;
-        if !self.projectors.iter().any(|p| p.stale.any()) {
+        if !self.projectors.iter().any(Projector::takes_part) {
             // No frame comes that would be waited for, and what was replaced is to go.
             if let Some(sections) = sections {
                 sections.wait(self.device.hung_after())?;
@@ -404,7 +464,7 @@ impl Renderer {
         let environment_first = self.scene_buffers.environment_first(&self.scene);
         let read = Instant::now();
         let viewers = newest_viewers();
-        for (index, projector) in self.projectors.iter_mut().enumerate().filter(|(_, p)| p.stale.any()) {
+        for (index, projector) in self.projectors.iter_mut().enumerate().filter(|(_, p)| p.takes_part()) {
             projector.write_frame(&self.scene, &viewers, &self.settings, (index, count), environment_first)?;
         }
         let begun = Instant::now();
@@ -456,7 +516,7 @@ impl Renderer {
     /// Weights read the other projectors' occlusion edges, so where several projectors share their light, those that see anew do
     /// so before any weighs, in a recording of its own: then the queues wait for each other in between and nowhere else.
     fn record_passes(&self, moved: &MovedTable) -> Result<Vec<(usize, Commands)>, GpuError> {
-        let stale = || self.projectors.iter().enumerate().filter(|(_, p)| p.stale.any());
+        let stale = || self.projectors.iter().enumerate().filter(|(_, p)| p.takes_part());
         let apart = self.settings.blend && self.projectors.len() > 1;
         let shares = |p: &Projector| self.settings.blend && p.spec.calibration.maps().alpha.is_none();
         let shares: Vec<bool> = self.projectors.iter().map(shares).collect();

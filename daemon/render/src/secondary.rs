@@ -27,12 +27,14 @@ pub(crate) fn record_lists(recorder: &mut Recorder, bound: &Bound, targets: &Tar
     })
 }
 
-/// Records the pass: first one sample of each pixel where it may stand for all, then every sample where it may not, or did not do.
+/// Records the pass: first one sample of each pixel where it may stand for all, then every sample where it may not, or, where
+/// `refine`, did not do.
 pub(crate) fn record(
     recorder: &mut Recorder,
     bound: &Bound,
     targets: &Targets,
     settings: &Settings,
+    refine: bool,
 ) -> Result<(), GpuError> {
     let pipelines = &bound.pipelines;
     recorder.span("secondary", |recorder| {
@@ -42,7 +44,9 @@ pub(crate) fn record(
             let push = [0, 0];
             let once = &targets.once;
             recorder.dispatch_indirect(&pipelines.secondary_once, &middle.once, bytemuck::bytes_of(&push), once)?;
-            recorder.dispatch_indirect(&pipelines.refine, &bound.refine, &[], once)?;
+            if refine {
+                recorder.dispatch_indirect(&pipelines.refine, &bound.refine, &[], once)?;
+            }
         }
         for (first, group) in (0..).step_by(targets.planes_a_group as usize).zip(&bound.groups) {
             let push = [first, 0];

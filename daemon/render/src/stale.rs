@@ -62,6 +62,11 @@ impl Stale {
         self != Self::NOTHING
     }
 
+    /// Whether nothing is but what follows the eye.
+    pub fn is_of_eye_alone(self) -> bool {
+        self == Change::Eye.makes_stale()
+    }
+
     /// Whether anything is that is made tile by tile.
     pub fn any_tiles(self) -> bool {
         self.primary.any() || self.light.any() || self.weight.any()

@@ -11,8 +11,7 @@ use super::line::{Lines, Said, discard, write_all};
 use super::pace::Pace;
 use super::rules::Rules;
 use lantern_proto::{
-    ErrorBody, EventKind, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, Subscribed,
-    parse_line,
+    ErrorBody, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, Subscribed, parse_line,
 };
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -214,12 +213,6 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
             Ok(Answer { with: With::Picture(bytes), ..plain(&head)? })
         }
         Op::Subscribe(subscribe) => {
-            // Outputs that can be lost are not built, so that there is nothing to hear of any.
-            if let Some(place) = subscribe.events.iter().position(|kind| *kind == EventKind::Output) {
-                let message =
-                    "events `output` are not built yet, since no output that is can be lost; hint: leave them out";
-                return Err(ErrorBody::new("not-built", message).at(format!("events[{place}]")));
-            }
             let with = With::Subscription(engine.events().subscribe(&subscribe.events));
             Ok(Answer { with, ..plain(&Subscribed { events: subscribe.events })? })
         }

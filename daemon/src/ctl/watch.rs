@@ -99,7 +99,7 @@ impl Watcher<'_> {
                     }
                 }
                 Event::Lost(lost) => book.miss(lost.count),
-                Event::Pose(_) | Event::Scene(_) | Event::Tracker(_) => {}
+                Event::Pose(_) | Event::Scene(_) | Event::Tracker(_) | Event::Output(_) => {}
             }
         }
     }

@@ -2,6 +2,7 @@
 //! what only grows, and a label for each name.
 
 use lantern_proto::Status;
+use lantern_proto::event::OutputState;
 use lantern_proto::status::{BodyStatus, Latency, Percentiles, ProjectorStatus, TrackedStatus, TrackerStatus};
 
 use super::text::{Kind, Label, Page, Sample};
@@ -120,9 +121,14 @@ fn of_projectors(page: &mut Page, status: &Status) {
     let missed = all(&|labels, p| vec![sample(labels, p.missed as f64)]);
     page.family("lantern_projector_missed_frames_total", Kind::Counter, help, missed);
     type Told = fn(&ProjectorStatus) -> f64;
-    let gauges: [(&str, &str, Told); 9] = [
+    let gauges: [(&str, &str, Told); 12] = [
         ("width_pixels", "Columns of the image", |p| p.resolution_px[0].into()),
         ("height_pixels", "Rows of the image", |p| p.resolution_px[1].into()),
+        ("output_shown", "1 where the output shows the picture", |p| {
+            u8::from(p.screen.state == OutputState::Shown).into()
+        }),
+        ("output_refresh_hertz", "How often the output shows another image", |p| p.screen.refresh_hz),
+        ("coarse", "1 where the picture was made coarser, so as to follow what moves", |p| u8::from(p.coarse).into()),
         ("queue_family", "Family of the queue that its work is submitted to", |p| p.queue.family.into()),
         ("queue_index", "Index in the family of that queue", |p| p.queue.index.into()),
         ("queue_shared", "1 where other projectors submit to that queue too", |p| u8::from(p.queue.shared).into()),
@@ -185,7 +191,9 @@ fn quantiles<'a>(labels: &[Label<'a>], times_ms: &[(&'static str, f64)]) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lantern_proto::status::{ConfigStatus, DeviceStatus, FrameTimes, OthersStatus, QueueStatus, SceneStatus};
+    use lantern_proto::status::{
+        ConfigStatus, DeviceStatus, FrameTimes, OthersStatus, OutputStatus, QueueStatus, SceneStatus,
+    };
     use serde_json::Value;
 
     /// Numbers of which no two are alike, nor a thousandth of one another.
@@ -278,7 +286,15 @@ mod tests {
         let latency_ms = ["head", "hand"].map(|body| (body.to_owned(), latency())).into();
         ProjectorStatus {
             resolution_px: [n.whole(), n.whole()],
-            output: "headless".to_owned(),
+            output: "window".to_owned(),
+            screen: OutputStatus {
+                state: OutputState::Black,
+                detail: Some("it has 1x1 px".to_owned()),
+                place: ":0".to_owned(),
+                pixels: "8-bit".to_owned(),
+                refresh_hz: n.real(),
+            },
+            coarse: true,
             frames: n.count(),
             missed: n.count(),
             queue: QueueStatus { family: n.whole(), index: n.whole(), shared: true },
@@ -326,6 +342,8 @@ mod tests {
             "lantern_tracker_body_tracked{tracker=\"b\",id=\"2\",body=\"head\"} 0",
             "lantern_tracker_body_tracked{tracker=\"b\",id=\"1\",body=\"head\"} 1",
             "lantern_projector_queue_shared{projector=\"left\"} 1",
+            "lantern_projector_output_shown{projector=\"left\"} 0",
+            "lantern_projector_coarse{projector=\"right\"} 1",
         ] {
             assert!(page.lines().any(|found| found == line), "{line} is not in\n{page}");
         }

@@ -1,5 +1,95 @@
 //! Where an image goes, and when it is due.
+//!
+//! - [`Output`]: what all of them are;
+//! - `headless`, `window`, `display`: the kinds; the latter two show images on a [`screen`];
+//! - [`Outputs`]: those of all projectors, opened, lost, and opened again;
+//! - [`Clock`]: when a screen shows another image.
 
+mod clock;
+mod display;
 mod headless;
+mod screen;
+mod set;
+mod window;
 
-pub use headless::Headless;
+use std::time::{Duration, Instant};
+
+use lantern_gpu::{DisplayError, GpuError, WindowError};
+use lantern_render::Renderer;
+
+pub use clock::Clock;
+pub use set::{OutputSpec, Outputs};
+
+/// Why an output cannot be opened, or was lost.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// A window.
+    #[error(transparent)]
+    Window(#[from] WindowError),
+    /// A display.
+    #[error(transparent)]
+    Display(#[from] DisplayError),
+    /// What the driver says.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// It went away by itself.
+    #[error("{0}")]
+    Gone(String),
+}
+
+/// What came of showing a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Showing {
+    /// It is with the screen.
+    Shown,
+    /// The screen is black: its pixels are not those that the picture was made for.
+    Black,
+    /// The screen has no room for another picture yet.
+    NotYet,
+    /// There is nothing to show it on: a minimised window.
+    Hidden,
+}
+
+/// What an output is, in words for `status`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Description {
+    /// The server and monitor, or the connector; empty where there is none.
+    pub place: String,
+    /// What its pixels are made of; empty where none are shown.
+    pub pixels: &'static str,
+    /// How often it shows another image by its own word, Hz.
+    pub refresh_hz: Option<f64>,
+    /// Columns and rows of what it shows.
+    pub size_px: Option<[u32; 2]>,
+}
+
+/// Where a projector's image goes.
+///
+/// The frame thread alone calls it, and between frames: when a picture is shown, the renderer has none in the making. An error
+/// means that it is lost, and it is dropped then; opening it again is for whoever holds it.
+pub trait Output: Send {
+    /// Shows what the renderer made last of a projector. Never waits for longer than the screen needs to take an image that it
+    /// has room for.
+    ///
+    /// # Errors
+    /// [`OutputError`]: it is lost.
+    fn show(&mut self, renderer: &mut Renderer, projector: usize) -> Result<Showing, OutputError>;
+
+    /// Whether it has to show its picture again, though that is still the same: it was covered, or has another size.
+    fn must_show_again(&mut self) -> bool;
+
+    /// Why it is gone, where that can be known without showing anything. Asked once a second or so.
+    fn gone(&mut self) -> Option<String>;
+
+    /// Makes it black, before it is let go.
+    fn black(&mut self);
+
+    /// Waits, until `until` at most, for the last picture to be there; when it was, where that can be known.
+    fn wait_shown(&mut self, until: Instant) -> Option<Instant>;
+
+    /// What it is.
+    fn describe(&self) -> Description;
+}
+
+/// How long showing waits for a screen that has no room for another picture: it has by the next turn.
+const PATIENCE: Duration = Duration::from_millis(2);

@@ -1,7 +1,7 @@
 //! `lanternd devices`: Vulkan devices, drivers, queues, displays, and what each can do.
 
 use comfy_table::{ContentArrangement, Table, presets};
-use lantern_gpu::DeviceInfo;
+use lantern_gpu::{Connector, DeviceInfo};
 use lantern_render::Loads;
 use serde_json::{Value, json};
 
@@ -16,15 +16,39 @@ const WIDTH: u16 = 110;
 /// No loader or no driver, with the package to install.
 pub fn devices(as_json: bool) -> anyhow::Result<()> {
     let devices = open_vulkan()?.devices()?;
+    let connectors = Connector::all();
     if as_json {
         let all: Vec<Value> = devices.iter().map(to_json).collect();
-        say!("{}", serde_json::to_string_pretty(&json!({ "devices": all }))?);
+        let connectors: Vec<Value> = connectors.iter().map(connector_to_json).collect();
+        say!("{}", serde_json::to_string_pretty(&json!({ "devices": all, "connectors": connectors }))?);
     } else {
         for device in &devices {
             say!("{}", to_text(device));
         }
+        for connector in &connectors {
+            say!("{}", connector_to_text(connector));
+        }
     }
     Ok(())
+}
+
+fn connector_to_json(of: &Connector) -> Value {
+    let identity = of.identity.as_ref();
+    json!({
+        "card": of.card, "name": of.name, "connected": of.connected,
+        "edid": identity.map(|identity| &identity.id), "screen": identity.and_then(|identity| identity.name.as_ref()),
+    })
+}
+
+fn connector_to_text(of: &Connector) -> String {
+    let what = match (&of.identity, of.connected) {
+        (Some(identity), true) => {
+            format!("{}, {}", identity.id, identity.name.as_deref().unwrap_or("which has no name"))
+        }
+        (None, true) => "something that does not say who it is".to_owned(),
+        (_, false) => "nothing".to_owned(),
+    };
+    format!("connector {} of {}: {what}", of.name, of.card)
 }
 
 fn to_json(device: &DeviceInfo) -> Value {

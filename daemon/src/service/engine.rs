@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use glam::{DQuat, DVec3};
-use lantern_config::Config;
+use lantern_config::{Config, OutputKind};
 use lantern_gpu::Instance;
 use lantern_proto::status::{DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
 use lantern_proto::{
@@ -223,7 +223,9 @@ impl Engine for DaemonEngine {
             let seen = stats.get(&projector.name).cloned().unwrap_or_default();
             let status = ProjectorStatus {
                 resolution_px: projector.resolution_px,
-                output: "headless".to_owned(),
+                output: kind(&projector.output.kind).to_owned(),
+                screen: seen.output.clone(),
+                coarse: seen.coarse,
                 frames: seen.frames,
                 missed: seen.missed,
                 queue: self.links.hardware.queue(index, config.projectors.len()),
@@ -432,6 +434,14 @@ impl Engine for DaemonEngine {
         self.origin.reloaded(&sources, &shows);
         tracing::info!(revision = scene.revision, "reloaded");
         Ok(Reloaded { revision: scene.revision })
+    }
+}
+
+fn kind(output: &OutputKind) -> &'static str {
+    match output {
+        OutputKind::Headless => "headless",
+        OutputKind::Window { .. } => "window",
+        OutputKind::Display { .. } => "display",
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use glam::DVec3;
 use lantern_gpu::Device;
@@ -20,12 +20,13 @@ use super::ledger::{Ledger, shown_poses};
 use super::monotonic;
 use super::recovery::Attempts;
 use super::refusal::{Refusal, is_loss};
+use super::screens::Screens;
 use super::shared::{Lease, Request, Shared, Turn};
 use super::sight::{Frame, Sight};
 use super::stats::Stats;
 use super::systemd::Watchdog;
 use crate::control::Events;
-use crate::output::Headless;
+use crate::output::OutputSpec;
 
 /// What the frame thread renders, and for whom.
 pub struct Setup {
@@ -33,10 +34,10 @@ pub struct Setup {
     pub projectors: Vec<ProjectorSpec>,
     /// Where the bodies stood that carry projectors, by projector, m.
     pub homes_m: BTreeMap<String, DVec3>,
-    /// Refreshes a second of each.
-    pub refresh_hz: Vec<f64>,
-    /// From the completion of a frame to its light, where that takes longest.
-    pub output_latency: Duration,
+    /// Where their images go, in the same order.
+    pub outputs: Vec<OutputSpec>,
+    /// Whether frames may be coarser rather than late; `None`: where anybody sees them.
+    pub degrade: Option<bool>,
     /// How to render.
     pub settings: Settings,
     /// The first revision.
@@ -68,6 +69,9 @@ pub enum FrameError {
     /// The first frame cannot be made.
     #[error(transparent)]
     Render(#[from] RenderError),
+    /// Nothing can be shown.
+    #[error("no output is there: {0}")]
+    NoOutput(String),
     /// The device was lost, and cannot be had again.
     #[error("{loss}, and {attempts} attempts to open the device again have failed; the last one: {last}")]
     GaveUp {
@@ -125,11 +129,11 @@ fn work(
     loop {
         match thread.run(first) {
             // What cannot be shown at all is for whoever starts the daemon to hear.
-            Err(error) if thread.frame > 0 => match thread.recover(&error)? {
+            Err(FrameError::Render(error)) if thread.frame > 0 => match thread.recover(&error)? {
                 Some(again) => thread = again,
                 None => return Ok(()),
             },
-            ended => return Ok(ended?),
+            ended => return ended,
         }
     }
 }
@@ -141,8 +145,10 @@ pub(super) struct FrameThread {
     pub(super) open: Open,
     pub(super) attempts: Attempts,
     pub(super) links: Links,
-    /// The clock of the fastest projector: all projectors of a frame share one.
-    pub(super) clock: Headless,
+    /// Where the pictures go, and when frames begin.
+    pub(super) screens: Screens,
+    /// Whether the last turn rendered anything.
+    pub(super) rendered: bool,
     /// How frames see the bodies.
     pub(super) sight: Sight,
     pub(super) carried: Carried,
@@ -173,10 +179,6 @@ pub(super) struct Prepared {
     pub(super) reply: Option<SyncSender<Result<(), Refusal>>>,
 }
 
-pub(super) fn clock_of(refresh_hz: &[f64]) -> Headless {
-    Headless::new(refresh_hz.iter().copied().fold(1.0, f64::max), Instant::now())
-}
-
 impl FrameThread {
     fn new(
         (device, open): (Arc<Device>, Open),
@@ -185,18 +187,20 @@ impl FrameThread {
         frames: Option<u64>,
     ) -> Result<Self, RenderError> {
         links.hardware.opened(&device);
-        let (clock, sight) = (clock_of(&setup.refresh_hz), Sight::new(links.bodies.clone(), setup.output_latency));
         let carried = Carried::new(setup.projectors.clone(), setup.homes_m);
         let shown = setup.scene.clone();
         let renderer = Renderer::new(&device, setup.projectors, setup.settings, setup.scene)?;
         links.stats.set_projectors(&renderer);
+        let screens = Screens::open(&device, setup.outputs, setup.degrade, &renderer, &links.shared);
+        let sight = Sight::new(links.bodies.clone(), screens.latency());
         Ok(Self {
             device,
             renderer,
             open,
             attempts: Attempts::default(),
             links,
-            clock,
+            screens,
+            rendered: false,
             sight,
             carried,
             shown,
@@ -211,21 +215,27 @@ impl FrameThread {
         })
     }
 
-    fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Result<(), RenderError> {
+    fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Ended {
+        let (opened, mut is_ready) = (Instant::now(), false);
         loop {
             // Asleep until something changes; where frames are counted or bodies go on moving, until the next refresh at the latest;
             // and not at all while something is on its way to the device. The watchdog wants to hear of it now and then all the same.
             let now = Instant::now();
-            let wakes = self.sight.is_restless(now) || self.frames.is_some();
-            let until =
-                if self.renderer.is_uploading() { Some(now) } else { wakes.then(|| self.clock.next_refresh(now)) };
-            let turn = self.links.shared.wait(until.into_iter().chain(self.watchdog.due()).min());
+            let unfinished = self.renderer.is_behind() || self.renderer.is_coarse();
+            let wakes = self.sight.is_restless(now) || self.frames.is_some() || unfinished;
+            let refresh = || self.screens.clock().next_refresh(now);
+            let until = if self.renderer.is_uploading() { Some(now) } else { wakes.then(refresh) };
+            let looks = [until, self.screens.next_look(now), self.watchdog.due()];
+            let turn = self.links.shared.wait(looks.into_iter().flatten().min());
             if turn.stop {
                 return Ok(());
             }
             self.turn(turn)?;
             self.watchdog.feed(Instant::now());
-            let _ = first.try_send(Ok(()));
+            if !is_ready && self.screens.are_ready(opened.elapsed()).map_err(FrameError::NoOutput)? {
+                is_ready = true;
+                let _ = first.try_send(Ok(()));
+            }
             if self.frames.is_some_and(|n| self.links.stats.fewest_frames() >= n) {
                 return Ok(());
             }
@@ -233,9 +243,20 @@ impl FrameThread {
     }
 
     /// One frame, where anything is stale, and then the requests.
-    fn turn(&mut self, turn: Turn) -> Result<(), RenderError> {
-        let began = Instant::now();
+    fn turn(&mut self, mut turn: Turn) -> Result<(), RenderError> {
+        // The newest pose is read as late as the frame may begin. Whoever asks for something else is not kept waiting for that.
+        let start = self.screens.plan();
         self.requests.extend(turn.requests);
+        if self.requests.is_empty() && (self.rendered || !self.renderer.is_uploading()) && start > Instant::now() {
+            for (index, at) in self.screens.wait_shown(start) {
+                if let Some(projector) = self.renderer.projectors().nth(index) {
+                    self.links.ledger.presented(&projector.name, at);
+                }
+            }
+            self.links.shared.pause(start);
+            turn.scene = self.links.shared.newest();
+        }
+        let began = Instant::now();
         let moved = self.sight.place_nodes(&self.links.editor, began);
         if let Some(scene) = &moved {
             self.links.shared.publish_shown(scene);
@@ -250,7 +271,7 @@ impl FrameThread {
             scene = self.shown.clone();
         }
         self.renderer.set_scene(scene.clone());
-        let rendered = match self.show(began) {
+        self.rendered = match self.show(began) {
             Ok(rendered) => {
                 // Perhaps still the one before: then whoever waits for this one goes on doing so.
                 self.links.shared.shown(self.renderer.scene().revision, Ok(self.frame));
@@ -268,11 +289,6 @@ impl FrameThread {
             self.serve(request)?;
             // Each may take seconds, and all of them longer than the watchdog waits.
             self.watchdog.feed(Instant::now());
-        }
-
-        // No picture stands for less than a refresh.
-        if rendered {
-            self.links.shared.pause(self.clock.next_refresh(began));
         }
         Ok(())
     }
@@ -320,14 +336,20 @@ impl FrameThread {
 
     /// Renders what is stale, and counts it; false where nothing was.
     pub(super) fn show(&mut self, began: Instant) -> Result<bool, RenderError> {
-        let frame = self.sight.render(&mut self.renderer, began)?;
+        self.screens.before_frame(&mut self.renderer, began);
+        let mut frame = self.sight.render(&mut self.renderer, began)?;
+        if frame.is_none() && self.screens.wants_whole(&self.renderer, began) {
+            self.renderer.set_coarse(false);
+            frame = self.sight.render(&mut self.renderer, began)?;
+        }
         self.shown = self.renderer.scene().clone();
+        self.present(frame.as_ref())?;
         if let Some(frame) = &frame {
             self.attempts.showed();
             self.count(frame, began);
         } else {
             // A picture that stays counts as shown once a refresh, however often the thread is woken meanwhile.
-            let refresh = self.clock.refreshes(began);
+            let refresh = self.screens.clock().refreshes(began);
             let counts = self.frames.is_some() && refresh > self.counted_refresh;
             self.counted_refresh = self.counted_refresh.max(refresh);
             self.links.stats.unchanged(self.renderer.scene().revision, counts);
@@ -335,18 +357,44 @@ impl FrameThread {
         Ok(frame.is_some())
     }
 
+    /// Shows on the outputs what was rendered for them, and looks after them.
+    pub(super) fn present(&mut self, frame: Option<&Frame>) -> Result<(), RenderError> {
+        for event in self.screens.present(&mut self.renderer, frame)? {
+            self.tell(EventKind::Output, || Event::Output(event));
+        }
+        self.links.stats.set_outputs(self.screens.status(), self.renderer.is_coarse());
+        Ok(())
+    }
+
+    /// Makes whole what was shown coarsely, or not at all since its screen is slower: for whoever looks closely.
+    pub(super) fn settle(&mut self) -> Result<(), RenderError> {
+        if !self.renderer.is_coarse() && !self.renderer.is_behind() {
+            return Ok(());
+        }
+        let began = Instant::now();
+        self.renderer.set_due(&[]);
+        self.renderer.set_coarse(false);
+        let frame = self.sight.render(&mut self.renderer, began)?;
+        self.present(frame.as_ref())?;
+        if let Some(frame) = &frame {
+            self.count(frame, began);
+        }
+        Ok(())
+    }
+
     pub(super) fn count(&mut self, frame: &Frame, began: Instant) {
         let report = &frame.report;
         self.frame += 1;
-        // Refreshes that passed while the frame was made, but for the one that it was made for.
-        let passed = self.clock.refreshes(Instant::now()).saturating_sub(self.clock.refreshes(began));
+        let completed = report.projectors.iter().map(|p| p.completed).max().unwrap_or(began);
+        let late = self.screens.completed(self.renderer.is_coarse(), began, completed);
+        // Before the first picture nothing was due.
+        let missed = if self.frame > 1 { late } else { 0 };
         let names: Vec<_> = self.renderer.projectors().map(|p| p.name.as_str()).collect();
         let reports: Vec<_> = report.projectors.iter().map(|p| (names[p.projector], p)).collect();
-        let missed = passed.saturating_sub(1);
         self.links.stats.rendered(&reports, self.frame, report.revision, missed);
         for (projector, of) in reports {
             let poses = shown_poses(&frame.placed, report.submitted, of.completed);
-            self.links.ledger.record(projector, &poses);
+            self.links.ledger.record(projector, &poses, of.completed);
             self.tell(EventKind::Frame, || {
                 Event::Frame(FrameEvent {
                     projector: projector.to_owned(),

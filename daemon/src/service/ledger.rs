@@ -16,24 +16,35 @@ const SILENT_MS: f64 = 1000.0;
 
 /// The ages of one body's poses in the last frames of one projector.
 #[derive(Clone, Debug, Default)]
-struct Recent(VecDeque<Ages>);
+struct Recent {
+    ages: VecDeque<Ages>,
+    /// When the last of these frames was complete, until it was seen on its screen.
+    completed: Option<Instant>,
+}
 
 impl Recent {
-    fn add(&mut self, ages: Ages) {
-        if self.0.len() == FRAMES {
-            self.0.pop_front();
+    fn add(&mut self, ages: Ages, completed: Instant) {
+        if self.ages.len() == FRAMES {
+            self.ages.pop_front();
         }
-        self.0.push_back(ages);
+        self.ages.push_back(ages);
+        self.completed = Some(completed);
+    }
+
+    fn presented(&mut self, at: Instant) {
+        if let (Some(completed), Some(last)) = (self.completed.take(), self.ages.back_mut()) {
+            last.presented = Some(last.completed + at.saturating_duration_since(completed).as_secs_f64() * 1e3);
+        }
     }
 
     fn latency(&self) -> Latency {
-        let of = |age: fn(&Ages) -> Option<f64>| percentiles(self.0.iter().filter_map(age).collect());
+        let of = |age: fn(&Ages) -> Option<f64>| percentiles(self.ages.iter().filter_map(age).collect());
         Latency {
             received: of(|ages| ages.measured.map(|_| ages.received)),
             submitted: of(|ages| Some(ages.submitted)).unwrap_or_default(),
             completed: of(|ages| Some(ages.completed)).unwrap_or_default(),
             presented: of(|ages| ages.presented),
-            frames: self.0.len() as u64,
+            frames: self.ages.len() as u64,
         }
     }
 }
@@ -65,14 +76,23 @@ impl Ledger {
         books.values_mut().for_each(|of| of.retain(|body, _| bodies.contains(&body.as_str())));
     }
 
-    /// A projector has shown these poses.
-    pub fn record(&self, projector: &str, poses: &BTreeMap<String, ShownPose>) {
+    /// A projector's frame of these poses was complete.
+    pub fn record(&self, projector: &str, poses: &BTreeMap<String, ShownPose>, completed: Instant) {
         let mut books = self.lock();
         for (body, pose) in poses {
             if pose.age_ms.submitted - pose.age_ms.received <= SILENT_MS {
                 let of = books.entry(projector.to_owned()).or_default();
-                of.entry(body.clone()).or_default().add(pose.age_ms);
+                of.entry(body.clone()).or_default().add(pose.age_ms, completed);
             }
+        }
+    }
+
+    /// The last frame of a projector was seen on its screen.
+    pub fn presented(&self, projector: &str, at: Instant) {
+        let mut books = self.lock();
+        let Some(of) = books.get_mut(projector) else { return };
+        for recent in of.values_mut() {
+            recent.presented(at);
         }
     }
 
@@ -150,11 +170,12 @@ mod tests {
 
     #[test]
     fn percentiles_are_of_the_last_frames_of_bodies_that_are_heard() {
-        let ledger = Ledger::default();
+        let (ledger, start) = (Ledger::default(), Instant::now());
         let record = |submitted: f64| {
             let age_ms =
                 Ages { measured: Some(0.0), received: 1.0, submitted, completed: submitted + 10.0, presented: None };
-            ledger.record("left", &[("head".to_owned(), ShownPose { age_ms, ..ShownPose::default() })].into());
+            let pose = ShownPose { age_ms, ..ShownPose::default() };
+            ledger.record("left", &[("head".to_owned(), pose)].into(), start);
         };
         // Those that fell out count no more, nor does a silent body.
         (0..50).for_each(|_| record(900.0));
@@ -164,6 +185,11 @@ mod tests {
         assert_eq!(head.submitted, Percentiles { p50: 50.0, p95: 95.0, p99: 99.0, max: 100.0 });
         assert_eq!(head.completed.p50, 60.0);
         assert_eq!((head.received.unwrap().max, head.presented, head.frames), (1.0, None, 1000));
+        // What was seen on its screen was seen once, after it was complete.
+        ledger.presented("left", start + Duration::from_millis(7));
+        ledger.presented("left", start + Duration::from_millis(99));
+        let head = ledger.latency("left")["head"];
+        assert_eq!(head.presented, Some(Percentiles { p50: 117.0, p95: 117.0, p99: 117.0, max: 117.0 }));
         assert!(ledger.latency("right").is_empty());
         ledger.keep(&["left"], &["hand"]);
         assert!(ledger.latency("left").is_empty());

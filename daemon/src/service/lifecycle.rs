@@ -22,7 +22,7 @@ use super::shared::Shared;
 use super::state::{Found, State, Store};
 use super::stats::Stats;
 use super::systemd;
-use super::vulkan::{open_device, open_vulkan};
+use super::vulkan::{open_device, open_vulkan_for};
 use crate::control;
 use crate::metrics;
 use crate::socket_path;
@@ -72,7 +72,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     }
     let Counts { built, cached } = loaded.editor.structures().counts();
     tracing::info!("structures built={built} cached={cached}");
-    let instance = open_vulkan()?;
+    let instance = open_vulkan_for(&loaded.config)?;
     // Opened once more where it is lost; as the configuration has it now, since a reload leaves `[device]` alone.
     let again = (instance.clone(), loaded.config.clone());
     let open: Open = Box::new(move || open_device(&again.0, &again.1));

@@ -10,6 +10,9 @@
 //! - [`recovery`]: a device that was lost;
 //! - [`refusal`]: its no;
 //! - [`hardware`]: the device, to others;
+//! - [`screens`]: where they are shown, and when they begin;
+//! - [`pace`]: how late that may be;
+//! - [`coarseness`]: coarser frames rather than late ones;
 //! - [`lead`]: when the light of the frame that is being made leaves;
 //! - [`hearsay`]: what subscribers are told of bodies and trackers;
 //! - [`sight`]: the bodies as frames show them;
@@ -26,6 +29,7 @@
 
 pub mod background;
 pub mod carried;
+pub mod coarseness;
 pub mod engine;
 pub mod frames;
 pub mod hardware;
@@ -36,10 +40,12 @@ pub mod ledger;
 pub mod lifecycle;
 pub mod monotonic;
 pub mod origin;
+pub mod pace;
 pub mod panics;
 pub mod recovery;
 pub mod refusal;
 pub mod requests;
+pub mod screens;
 pub mod setup;
 pub mod shared;
 pub mod sight;

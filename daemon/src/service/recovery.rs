@@ -13,6 +13,7 @@ use lantern_scene::Scene;
 
 use super::frames::{FrameError, FrameThread};
 use super::refusal::Refusal;
+use super::screens::Screens;
 use super::sight::Frame;
 
 /// Times in a row that a device is opened again. What fails then may be the driver or the bus; another process has better chances.
@@ -84,7 +85,8 @@ impl FrameThread {
         let newest = self.links.shared.newest();
         let mut scene = if self.refused == Some(newest.revision) { self.shown.clone() } else { newest.clone() };
 
-        // All of the old device goes before the new one comes.
+        // All of the old device goes before the new one comes; outputs first, which show what is on it.
+        let (outputs, degrade) = self.screens.give_up();
         drop(self.renderer);
         drop(self.device);
         let mut last = loss.to_string();
@@ -127,11 +129,16 @@ impl FrameThread {
             }
         };
 
-        let mut again = Self { device, renderer, ..self };
+        let screens = Screens::open(&device, outputs, degrade, &renderer, &self.links.shared);
+        let mut again = Self { device, renderer, screens, ..self };
         again.links.hardware.opened(&again.device);
         again.links.stats.set_projectors(&again.renderer);
-        if let Some(frame) = frame {
-            again.count(&frame, began);
+        if let Some(frame) = &frame {
+            again.count(frame, began);
+        }
+        // Where the device is lost over this, the next turn finds it so.
+        if let Err(error) = again.present(frame.as_ref()) {
+            tracing::warn!("outputs cannot be shown on: {error}");
         }
         again.shown = again.renderer.scene().clone();
         let revision = again.shown.revision;

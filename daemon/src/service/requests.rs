@@ -8,7 +8,7 @@ use lantern_render::{Pattern, ProjectorSpec, RenderError, Renderer};
 use lantern_scene::Scene;
 
 use super::carried::Carried;
-use super::frames::{FrameThread, Prepared, Setup, clock_of};
+use super::frames::{FrameThread, Prepared, Setup};
 use super::refusal::{Refusal, is_loss};
 use super::shared::Request;
 use super::sight::Frame;
@@ -23,7 +23,10 @@ impl FrameThread {
             Request::Read { projector, layer, reply } => {
                 let index = self.renderer.projectors().position(|p| p.name == projector);
                 match index {
-                    Some(index) => answer(&reply, self.renderer.read(index, layer)),
+                    Some(index) => {
+                        let read = self.settle().and_then(|()| self.renderer.read(index, layer));
+                        answer(&reply, read)
+                    }
                     None => refuse(&reply, format!("the projector `{projector}` has gone")),
                 }
             }
@@ -31,7 +34,10 @@ impl FrameThread {
                 let of = self.renderer.projectors().find(|p| p.name == projector);
                 let size_px = of.map(|p| p.calibration.resolution_px().to_array());
                 match (self.sight.eyes().first(), size_px) {
-                    (Some(eye), Some(size_px)) => answer(&reply, self.renderer.room(*eye, size_px)),
+                    (Some(eye), Some(size_px)) => {
+                        let room = self.settle().and_then(|()| self.renderer.room(*eye, size_px));
+                        answer(&reply, room)
+                    }
                     (None, _) => refuse(&reply, "no body drives the viewer any more"),
                     (_, None) => refuse(&reply, format!("the projector `{projector}` has gone")),
                 }
@@ -99,11 +105,12 @@ impl FrameThread {
         };
         self.carried = carried;
         self.shown = self.renderer.scene().clone();
-        self.sight.set_output_latency(setup.output_latency);
+        self.screens.reconfigure(setup.outputs, setup.degrade, &self.renderer);
+        self.sight.set_output_latency(self.screens.latency());
         self.links.shared.publish_shown(&self.shown);
         self.links.stats.set_projectors(&self.renderer);
-        self.clock = clock_of(&setup.refresh_hz);
         self.counted_refresh = 0;
+        self.present(frame.as_ref())?;
         if let Some(frame) = frame {
             self.count(&frame, began);
         }

@@ -3,19 +3,19 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
 
 use glam::DVec3;
 use lantern_calibration::doctor::{self, Finding, Props};
 use lantern_calibration::formats::{self, FileError};
 use lantern_calibration::{Calibration, LoadError};
-use lantern_config::{Body, Config, Drives, Output, Problem};
+use lantern_config::{Body, Config, Drives, Problem};
 use lantern_render::{ProjectorSpec, RasterOrder, Settings};
 use lantern_scene::{Editor, Role, Scene, Structures};
 
 use super::frames::Setup;
 use super::sources::Sources;
 use crate::control::Door;
+use crate::output::OutputSpec;
 
 /// Everything wrong with a configuration and what it names.
 #[derive(Debug, thiserror::Error)]
@@ -175,17 +175,16 @@ pub fn homes_m(bodies: &[Body]) -> BTreeMap<String, DVec3> {
 
 /// What the frame thread is to do.
 pub fn setup(config: &Config, projectors: Vec<ProjectorSpec>, scene: Arc<Scene>) -> Setup {
-    let (refresh_hz, latency_ms): (Vec<_>, Vec<_>) = (config.projectors.iter())
-        .map(|projector| match projector.output {
-            Output::Headless { refresh_hz, latency_ms } => (refresh_hz, latency_ms),
-        })
-        .unzip();
-    let output_latency = Duration::from_secs_f64(latency_ms.into_iter().fold(0.0, f64::max) / 1e3);
+    let output = |projector: &lantern_config::Projector| OutputSpec {
+        projector: projector.name.clone(),
+        size_px: projector.resolution_px,
+        output: projector.output.clone(),
+    };
     Setup {
         projectors,
         homes_m: homes_m(&config.bodies),
-        refresh_hz,
-        output_latency,
+        outputs: config.projectors.iter().map(output).collect(),
+        degrade: config.render.degrade,
         settings: settings(config),
         scene,
     }

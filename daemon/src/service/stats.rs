@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use hdrhistogram::Histogram;
-use lantern_proto::status::FrameTimes;
+use lantern_proto::status::{FrameTimes, OutputStatus};
 use lantern_render::{ProjectorReport, Renderer};
 
 /// One projector's frames.
@@ -24,6 +24,10 @@ pub struct ProjectorStats {
     pub pose_to_submit_ms: f64,
     /// Device memory that it has for itself.
     pub gpu_bytes: u64,
+    /// Where it is shown.
+    pub output: OutputStatus,
+    /// Whether its picture was made coarser, so as to follow what moves.
+    pub coarse: bool,
     /// Times in µs.
     times: Histogram<u32>,
 }
@@ -36,7 +40,18 @@ impl Default for ProjectorStats {
         #[expect(clippy::unwrap_used, reason = "the bounds are constants that the histogram takes")]
         let times = Histogram::new_with_bounds(1, LONGEST_US, 3).unwrap();
         let stages_ms = ["primary", "secondary", "composite"].map(|stage| (stage.to_owned(), 0.0)).into();
-        Self { frames: 0, missed: 0, frame: 0, revision: 0, stages_ms, pose_to_submit_ms: 0.0, gpu_bytes: 0, times }
+        Self {
+            frames: 0,
+            missed: 0,
+            frame: 0,
+            revision: 0,
+            stages_ms,
+            pose_to_submit_ms: 0.0,
+            gpu_bytes: 0,
+            output: OutputStatus::default(),
+            coarse: false,
+            times,
+        }
     }
 }
 
@@ -87,6 +102,16 @@ impl Stats {
         for (name, report) in reports {
             if let Some(stats) = all.get_mut(*name) {
                 stats.rendered(report, frame, missed);
+            }
+        }
+    }
+
+    /// Where all projectors are shown, by name, and whether coarsely.
+    pub fn set_outputs<'a>(&self, outputs: impl Iterator<Item = (&'a str, OutputStatus)>, coarse: bool) {
+        let mut all = self.lock();
+        for (name, output) in outputs {
+            if let Some(stats) = all.get_mut(name) {
+                (stats.output, stats.coarse) = (output, coarse);
             }
         }
     }

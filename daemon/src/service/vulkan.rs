@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Context;
+use lantern_config::OutputKind;
 use lantern_gpu::{Device, Instance, RayTracing, Validation};
 
 use super::setup;
@@ -15,11 +16,29 @@ const VALIDATION_VARIABLE: &str = "LANTERN_VALIDATION";
 /// # Errors
 /// No loader or no driver, with the package to install.
 pub fn open_vulkan() -> anyhow::Result<Arc<Instance>> {
-    let validation = match std::env::var(VALIDATION_VARIABLE).as_deref() {
+    Instance::new(validation()).context("cannot start Vulkan")
+}
+
+/// The same for a configuration, whose outputs may name a Wayland compositor where the environment names none.
+///
+/// # Errors
+/// As [`open_vulkan`].
+pub fn open_vulkan_for(config: &lantern_config::Config) -> anyhow::Result<Arc<Instance>> {
+    let names_one = |projector: &lantern_config::Projector| match &projector.output.kind {
+        OutputKind::Window { server, .. } => server.as_ref().is_some_and(|server| !server.contains(':')),
+        OutputKind::Headless | OutputKind::Display { .. } => false,
+    };
+    if config.projectors.iter().any(names_one) {
+        return Instance::with(validation(), true).context("cannot start Vulkan");
+    }
+    open_vulkan()
+}
+
+fn validation() -> Validation {
+    match std::env::var(VALIDATION_VARIABLE).as_deref() {
         Ok("1") => Validation::On,
         _ => Validation::Off,
-    };
-    Instance::new(validation).context("cannot start Vulkan")
+    }
 }
 
 /// Queues that are opened where the device has them, though fewer projectors be there: a reload may bring more.

@@ -8,7 +8,8 @@ use super::{Recorder, Uses};
 use crate::access::{Access, AccessSet};
 use crate::binding::Bindings;
 use crate::error::GpuError;
-use crate::image::{Image, ImageFormat, ImageUsage};
+use crate::format::ImageFormat;
+use crate::image::{Image, ImageUsage};
 use crate::pipeline::GraphicsPipeline;
 
 /// What an attachment holds when a rendering begins.
@@ -80,6 +81,18 @@ impl Recorder {
             self.device().handle().naming.end(commands);
         }
         result
+    }
+
+    /// Hands an image of a surface over to be shown, where `taken` and `drawn` are the semaphores by which it was taken and is
+    /// given away. A recording draws one such image at most.
+    pub(crate) fn hand_over(&mut self, image: &Arc<Image>, [taken, drawn]: [vk::Semaphore; 2]) -> Result<(), GpuError> {
+        self.check_outside()?;
+        let mut all = Uses::default();
+        all.add_image(image, AccessSet::of(Access::Shown), true)?;
+        self.apply(&all)?;
+        self.keep(image);
+        self.recording.surface = Some([taken, drawn]);
+        Ok(())
     }
 
     fn begin_rendering(

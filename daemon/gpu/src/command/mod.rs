@@ -91,6 +91,7 @@ impl Recorder {
             spans: Vec::new(),
             barriers: 0,
             dispatches: 0,
+            surface: None,
             encoder: Some(encoder),
         };
         let mut recorder = Recorder {
@@ -368,8 +369,10 @@ impl Recorder {
         for used in &uses.images {
             let layout = layout_of(used.accesses);
             let mut history = used.image.history.lock().unwrap_or_else(PoisonError::into_inner);
-            let before = history.note(&self.recording.ticket, self.operation, used.accesses, Some(layout));
+            let mut before = history.note(&self.recording.ticket, self.operation, used.accesses, Some(layout));
             drop(history);
+            // As from another queue: a semaphore gives the image, before all stages.
+            before.elsewhere |= used.image.is_of_swapchain();
             if before.layout == layout {
                 gathered.add(&self.covered, &before, used.accesses);
             } else {

@@ -24,6 +24,8 @@ pub(super) struct Recording {
     pub(super) barriers: u32,
     /// How many compute dispatches.
     pub(super) dispatches: u32,
+    /// Where an image of a surface is drawn: the semaphore by which it was taken, and the one by which it is handed over.
+    pub(super) surface: Option<[vk::Semaphore; 2]>,
     /// None once it was submitted.
     pub(super) encoder: Option<Encoder>,
 }
@@ -79,6 +81,10 @@ impl Commands {
     /// What they add to the device's work, once they are submitted, but for the call itself.
     pub(crate) fn work(&self) -> Work {
         Work { submissions: 0, dispatches: self.0.dispatches.into(), barriers: self.0.barriers.into() }
+    }
+
+    pub(crate) fn surface(&self) -> Option<[vk::Semaphore; 2]> {
+        self.0.surface
     }
 
     pub(crate) fn ticket(&self) -> &Arc<Ticket> {

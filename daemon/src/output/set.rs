@@ -1,0 +1,329 @@
+//! The outputs of all projectors: opened, watched, lost and opened again, each for itself.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use lantern_config::{Fullscreen, OutputKind};
+use lantern_gpu::{Device, DisplayDesc, GpuError, Pixels, Placement, SwapchainDesc, WindowDesc};
+use lantern_proto::event::{OutputEvent, OutputState};
+use lantern_proto::status::OutputStatus;
+use lantern_render::Renderer;
+
+use super::display::DisplayOutput;
+use super::headless::Headless;
+use super::window::WindowOutput;
+use super::{Clock, Output, OutputError, Showing};
+
+/// How often outputs are looked at that may have gone, or may have come back.
+const LOOK: Duration = Duration::from_secs(1);
+
+/// Where screens say no rate of their own, Hz.
+const USUAL_HZ: f64 = 60.0;
+
+/// What a projector's output is to be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutputSpec {
+    /// The projector's name.
+    pub projector: String,
+    /// Its columns and rows.
+    pub size_px: [u32; 2],
+    /// Where its image goes.
+    pub output: lantern_config::Output,
+}
+
+impl OutputSpec {
+    /// Whether it can go: all but headless ones can.
+    fn may_be_lost(&self) -> bool {
+        self.output.kind != OutputKind::Headless
+    }
+
+    fn open(&self, device: &Arc<Device>, queue: usize, wake: &Wake) -> Result<Box<dyn Output>, OutputError> {
+        let pixels = match self.output.pixels {
+            lantern_config::Pixels::Bits8 => Pixels::Bits8,
+            lantern_config::Pixels::Bits10 => Pixels::Bits10,
+            lantern_config::Pixels::Hdr10 => Pixels::Hdr10,
+        };
+        let chain = SwapchainDesc { pixels, white_nits: self.output.white_nits as f32, queue };
+        let name = self.projector.clone();
+        Ok(match &self.output.kind {
+            OutputKind::Headless => Box::new(Headless),
+            OutputKind::Window { server, fullscreen } => {
+                let placement = match fullscreen {
+                    Fullscreen::No => Placement::Anywhere,
+                    Fullscreen::Any => Placement::Fullscreen(None),
+                    Fullscreen::On(monitor) => Placement::Fullscreen(Some(monitor.clone())),
+                };
+                let (server, wake) = (server.clone(), wake.clone());
+                let desc = WindowDesc { name, size_px: self.size_px, placement, server, wake };
+                Box::new(WindowOutput::open(device, &desc, chain)?)
+            }
+            OutputKind::Display { connector, edid } => {
+                let (connector, edid, refresh_hz) = (connector.clone(), edid.clone(), self.output.refresh_hz);
+                let desc = DisplayDesc { name, connector, edid, size_px: self.size_px, refresh_hz };
+                Box::new(DisplayOutput::open(device, &desc, chain)?)
+            }
+        })
+    }
+}
+
+/// Wakes the frame thread.
+type Wake = Arc<dyn Fn() + Send + Sync>;
+
+/// Whether an output is there.
+enum State {
+    Up(Box<dyn Output>),
+    Lost { why: String },
+}
+
+/// A projector's output.
+struct Slot {
+    spec: OutputSpec,
+    state: State,
+    clock: Clock,
+    /// What came of its last picture.
+    showing: Showing,
+    /// It has yet to show what was rendered.
+    behind: bool,
+}
+
+impl Slot {
+    fn closed(spec: OutputSpec, now: Instant) -> Self {
+        let state = State::Lost { why: "it was not opened yet".into() };
+        let clock = Clock::new(spec.output.refresh_hz.unwrap_or(USUAL_HZ), now);
+        Self { spec, state, clock, showing: Showing::NotYet, behind: true }
+    }
+
+    fn refresh_hz(&self) -> f64 {
+        let own = || match &self.state {
+            State::Up(output) => output.describe().refresh_hz,
+            State::Lost { .. } => None,
+        };
+        self.spec.output.refresh_hz.or_else(own).unwrap_or(USUAL_HZ)
+    }
+
+    fn status(&self) -> OutputStatus {
+        let of = match &self.state {
+            State::Up(output) => output.describe(),
+            State::Lost { .. } => Default::default(),
+        };
+        let (state, detail) = match (&self.state, self.showing) {
+            (State::Lost { why }, _) => (OutputState::Lost, Some(why.clone())),
+            (_, Showing::Black) => (OutputState::Black, of.size_px.map(|px| self.misfit(px))),
+            (_, Showing::Hidden) => (OutputState::Hidden, Some("its window has no pixels".to_owned())),
+            (_, Showing::Shown | Showing::NotYet) => (OutputState::Shown, None),
+        };
+        OutputStatus { state, detail, place: of.place, pixels: of.pixels.to_owned(), refresh_hz: self.refresh_hz() }
+    }
+
+    fn misfit(&self, [width, height]: [u32; 2]) -> String {
+        let [columns, rows] = self.spec.size_px;
+        format!("it has {width}x{height} px, and the calibration is for {columns}x{rows}")
+    }
+}
+
+/// All of them, in the projectors' order.
+pub struct Outputs {
+    device: Arc<Device>,
+    wake: Wake,
+    slots: Vec<Slot>,
+    /// What has happened to them and was not told yet.
+    events: Vec<OutputEvent>,
+    next_look: Instant,
+}
+
+impl Outputs {
+    /// Opens those that can be; the others are tried again as long as they are wanted.
+    pub fn open(device: &Arc<Device>, specs: Vec<OutputSpec>, wake: Wake) -> Self {
+        let now = Instant::now();
+        let mut outputs = Self { device: device.clone(), wake, slots: Vec::new(), events: Vec::new(), next_look: now };
+        outputs.reconfigure(specs);
+        outputs
+    }
+
+    /// Takes others; those of which nothing has changed stay as they are.
+    pub fn reconfigure(&mut self, specs: Vec<OutputSpec>) {
+        // What is not kept goes before anything is opened: the new ones may want the same screens. A place further up or down
+        // has another queue, which a swapchain would not know.
+        let now = Instant::now();
+        let mut before: Vec<_> = std::mem::take(&mut self.slots).into_iter().map(Some).collect();
+        let keep = |(index, spec): (usize, &OutputSpec)| before.get_mut(index)?.take_if(|slot| slot.spec == *spec);
+        let kept: Vec<_> = specs.iter().enumerate().map(keep).collect();
+        before.clear();
+        for (index, (spec, kept)) in specs.into_iter().zip(kept).enumerate() {
+            let is_new = kept.is_none();
+            self.slots.push(kept.map_or_else(|| Slot::closed(spec, now), |slot| Slot { behind: true, ..slot }));
+            if is_new {
+                self.try_open(index, now);
+            }
+        }
+    }
+
+    fn try_open(&mut self, index: usize, now: Instant) {
+        let slot = &mut self.slots[index];
+        match slot.spec.open(&self.device, index, &self.wake) {
+            Ok(output) => {
+                slot.state = State::Up(output);
+                (slot.behind, slot.showing) = (true, Showing::NotYet);
+                slot.clock = Clock::new(slot.refresh_hz(), now);
+                if slot.spec.may_be_lost() {
+                    let place = slot.status().place;
+                    tracing::info!(projector = slot.spec.projector, place, "output is there");
+                    self.tell(index);
+                }
+            }
+            Err(error) => self.lose(index, &error),
+        }
+    }
+
+    fn lose(&mut self, index: usize, error: &OutputError) {
+        let (slot, why) = (&mut self.slots[index], error.to_string());
+        let news = !matches!(&slot.state, State::Lost { why: before } if *before == why);
+        slot.state = State::Lost { why };
+        if news {
+            tracing::warn!(projector = slot.spec.projector, "output is lost: {error}");
+            self.tell(index);
+        }
+    }
+
+    fn tell(&mut self, index: usize) {
+        let slot = &self.slots[index];
+        let OutputStatus { state, detail, .. } = slot.status();
+        self.events.push(OutputEvent { projector: slot.spec.projector.clone(), state, detail });
+    }
+
+    /// Looks after all of them: shows what was `rendered` since, by the projector's place, and what has to be shown again; opens
+    /// again those that were lost.
+    ///
+    /// # Errors
+    /// Where not an output is lost but the device.
+    pub fn tend(
+        &mut self,
+        renderer: &mut Renderer,
+        rendered: impl Fn(usize) -> bool,
+        now: Instant,
+    ) -> Result<(), GpuError> {
+        let look = now >= self.next_look;
+        if look {
+            self.next_look = now + LOOK;
+        }
+        for index in 0..self.slots.len() {
+            self.slots[index].behind |= rendered(index);
+            if look && matches!(self.slots[index].state, State::Lost { .. }) {
+                self.try_open(index, now);
+            }
+            let slot = &mut self.slots[index];
+            let State::Up(output) = &mut slot.state else { continue };
+            if let Some(why) = output.gone().filter(|_| look) {
+                self.lose(index, &OutputError::Gone(why));
+                continue;
+            }
+            slot.behind |= output.must_show_again();
+            if !slot.behind {
+                continue;
+            }
+            match output.show(renderer, index) {
+                Ok(showing) => {
+                    slot.behind = showing == Showing::NotYet;
+                    let was = std::mem::replace(&mut slot.showing, showing);
+                    if slot.spec.may_be_lost() && was != showing && [was, showing].contains(&Showing::Black) {
+                        self.tell(index);
+                        if showing == Showing::Black && renderer.has_shown() {
+                            let detail = self.slots[index].status().detail.unwrap_or_default();
+                            tracing::warn!(
+                                projector = self.slots[index].spec.projector,
+                                "output stays black: {detail}"
+                            );
+                        }
+                    }
+                }
+                Err(OutputError::Gpu(error @ (GpuError::DeviceLost { .. } | GpuError::Timeout { .. }))) => {
+                    return Err(error);
+                }
+                Err(error) => self.lose(index, &error),
+            }
+        }
+        Ok(())
+    }
+
+    /// When they want to be looked after next, though nothing is rendered: soon where one is behind, now and then where one may
+    /// have come or gone, and never where all are headless.
+    pub fn next_look(&self, now: Instant) -> Option<Instant> {
+        if self.slots.iter().any(|slot| slot.behind && matches!(slot.state, State::Up(_))) {
+            return Some(now + Duration::from_millis(4));
+        }
+        self.slots.iter().any(|slot| slot.spec.may_be_lost()).then_some(self.next_look)
+    }
+
+    /// Lets go of all of them without a word: their device is lost, and shows nothing any more.
+    pub fn abandon(&mut self) {
+        self.slots.clear();
+    }
+
+    /// What has happened to them since this was last asked.
+    pub fn take_events(&mut self) -> Vec<OutputEvent> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// How each of them is, with its projector.
+    pub fn status(&self) -> impl Iterator<Item = (&str, OutputStatus)> {
+        self.slots.iter().map(|slot| (slot.spec.projector.as_str(), slot.status()))
+    }
+
+    /// Those that are lost, with why; and how many are not.
+    pub fn lost(&self) -> (Vec<String>, usize) {
+        let words = |slot: &Slot| match &slot.state {
+            State::Lost { why } => Some(format!("output of {}: {why}", slot.spec.projector)),
+            State::Up(_) => None,
+        };
+        let lost: Vec<_> = self.slots.iter().filter_map(words).collect();
+        let up = self.slots.len() - lost.len();
+        (lost, up)
+    }
+
+    /// Whether any shows its picture to people.
+    pub fn any_shows(&self) -> bool {
+        self.slots.iter().any(|slot| slot.spec.may_be_lost())
+    }
+
+    /// The clock of the fastest: all projectors of a frame share it.
+    pub fn clock(&self) -> Clock {
+        let fastest = self.slots.iter().map(|slot| slot.clock).min_by_key(Clock::period);
+        fastest.unwrap_or_else(|| Clock::new(USUAL_HZ, self.next_look))
+    }
+
+    /// Which are due at a refresh of the fastest: those whose own next refresh comes before its next one.
+    pub fn due(&self, refresh: Instant) -> Vec<bool> {
+        let period = self.clock().period();
+        self.slots.iter().map(|slot| slot.clock.next_refresh(refresh) <= refresh + period.mul_f64(1.001)).collect()
+    }
+
+    /// What the slowest takes from a frame's completion to its light.
+    pub fn latency(&self) -> Duration {
+        let slowest_ms = self.slots.iter().map(|slot| slot.spec.output.latency_ms).fold(0.0, f64::max);
+        Duration::from_secs_f64(slowest_ms / 1e3)
+    }
+
+    /// Waits, until `until` at most, for the last pictures to be there; those that can tell when that was, by the projector's
+    /// place. Their clocks follow.
+    pub fn wait_shown(&mut self, until: Instant) -> Vec<(usize, Instant)> {
+        let mut shown = Vec::new();
+        for (index, slot) in self.slots.iter_mut().enumerate() {
+            let State::Up(output) = &mut slot.state else { continue };
+            if let Some(at) = output.wait_shown(until) {
+                slot.clock.saw(at);
+                shown.push((index, at));
+            }
+        }
+        shown
+    }
+}
+
+impl Drop for Outputs {
+    fn drop(&mut self) {
+        for slot in &mut self.slots {
+            if let State::Up(output) = &mut slot.state {
+                output.black();
+            }
+        }
+    }
+}
