@@ -74,7 +74,7 @@ fn a_window_whose_calls_fail_comes_back_and_takes_nothing_with_it() {
         for failure in results {
             let (fault, nth) = (Fault::once(call, 1, *failure), turn);
             faults.arm(&fault).unwrap();
-            let edit = json!([{"set": {"node": "ball", "translation_m": [0.1 * f64::from(nth % 2), 0.4, 0]}}]);
+            let edit = json!([{"set": {"node": "ball", "translation_m": [0.05 * f64::from(nth + 1), 0.4, 0]}}]);
             // Whoever edits hears of it at most where the device is lost, or the very work of the frame was refused.
             let done = client.ask("scene.apply", json!({"edits": edit, "durable": false})).unwrap();
             if let Err(refused) = done {

@@ -44,6 +44,8 @@ fn fate(call: &'static Call, wanted: Option<vk::Result>, below: &Below, function
         _ => {}
     }
     match wanted {
+        // A lost device shows nothing either.
+        Some(vk::Result::ERROR_DEVICE_LOST) => Fate::Fails(vk::Result::ERROR_DEVICE_LOST),
         // What is presented is taken from the program even where the surface is out of date; and an image that is suboptimal was
         // acquired.
         Some(result) if result == vk::Result::SUBOPTIMAL_KHR || call.name() == "vkQueuePresentKHR" => {
