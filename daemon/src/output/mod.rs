@@ -1,7 +1,7 @@
 //! Where an image goes, and when it is due.
 //!
 //! - [`Output`]: what all of them are;
-//! - `headless`, `window`, `display`: the kinds; the latter two show images on a [`screen`];
+//! - `headless`, `window`, `display`: the kinds; the latter two show images on a `screen`;
 //! - [`Outputs`]: those of all projectors, opened, lost, and opened again;
 //! - [`Clock`]: when a screen shows another image.
 
