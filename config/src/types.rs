@@ -220,6 +220,8 @@ pub enum OutputKind {
         /// Who it is by its EDID, wherever it is plugged in.
         edid: Option<String>,
     },
+    /// To clients of the control socket, in memory that they import.
+    Export,
 }
 
 /// Whether a window covers a monitor.

@@ -12,6 +12,7 @@
 pub mod control;
 pub mod ctl;
 pub mod encode;
+pub mod feed;
 pub mod log;
 pub mod metrics;
 pub mod output;

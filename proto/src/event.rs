@@ -20,6 +20,10 @@ pub enum Event {
     Tracker(TrackerEvent),
     /// An output came, went, or fell dark.
     Output(OutputEvent),
+    /// An exported image holds a new picture.
+    Export(ExportEvent),
+    /// No more pictures are exported to this client.
+    ExportEnd(ExportEnd),
     /// Events before this line were lost, because the subscriber reads too slowly.
     Lost(Lost),
 }
@@ -153,6 +157,32 @@ pub enum OutputState {
     Hidden,
     /// It is not there.
     Lost,
+}
+
+/// A picture in an image that a client has imported, and that is the client's until it releases it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ExportEvent {
+    /// The projector's name.
+    pub projector: String,
+    /// Which image, from 0.
+    pub image: usize,
+    /// The frame's number.
+    pub frame: u64,
+    /// The scene's revision that it shows.
+    pub revision: u64,
+    /// The value of the timeline at which the picture is whole; null where there is no timeline, and it is whole already.
+    pub value: Option<u64>,
+    /// Pictures before this one for which the client had no image to spare.
+    pub missed: u64,
+}
+
+/// Why a client gets no more pictures.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ExportEnd {
+    /// The projector's name.
+    pub projector: String,
+    /// In words.
+    pub detail: String,
 }
 
 /// Events that a subscriber does not get.

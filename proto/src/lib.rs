@@ -19,8 +19,14 @@ pub use edit::{Add, Edit, Environment, Light, LightKind, Material, MeshRef, Remo
 pub use event::Event;
 pub use parse::{Refusal, parse_line, parse_line_with};
 pub use pose_packet::{POSE_PACKET_BYTES, PosePacket, PosePacketError};
-pub use reply::{Applied, ErrorBody, Hello, Outcome, Reloaded, Reply, SceneGet, SnapshotHead, Subscribed};
-pub use request::{EventKind, Id, Layer, Op, Pattern, PatternRequest, Pose, Request, SceneApply, Snapshot, Subscribe};
+pub use reply::{
+    Applied, ErrorBody, ExportBuffer, ExportMemory, ExportOpened, ExportPlane, Hello, Outcome, Reloaded, Reply,
+    SceneGet, SnapshotHead, Subscribed,
+};
+pub use request::{
+    EventKind, ExportHandle, ExportOpen, ExportRelease, Id, Layer, Op, Pattern, PatternRequest, Pose, Request,
+    SceneApply, Snapshot, Subscribe,
+};
 pub use status::Status;
 
 /// The version of the socket protocol that `hello` answers.

@@ -97,6 +97,8 @@ fn parse_op(mut fields: Map<String, Value>) -> Result<Op, ErrorBody> {
         "snapshot" => read(fields).map(Op::Snapshot),
         "subscribe" => read(fields).map(Op::Subscribe),
         "pattern" => read(fields).map(Op::Pattern),
+        "export.open" => read(fields).map(Op::ExportOpen),
+        "export.release" => read(fields).map(Op::ExportRelease),
         "config.reload" => nothing(&name, &fields).map(|()| Op::ConfigReload),
         _ => {
             // The name is echoed, but no more of it than a person would read.

@@ -1,7 +1,7 @@
 //! What the daemon answers.
 
 use crate::edit::Edit;
-use crate::request::{EventKind, Id};
+use crate::request::{EventKind, ExportHandle, Id};
 use serde::{Deserialize, Serialize};
 
 /// One line to a client. The bytes of a snapshot follow its line.
@@ -87,6 +87,68 @@ pub struct Applied {
 pub struct Reloaded {
     /// The scene's revision now.
     pub revision: u64,
+}
+
+/// `export.open`'s answer. With its line come descriptors (`SCM_RIGHTS`): one an image, and then, where there is one, that of the
+/// timeline.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ExportOpened {
+    /// The projector's name.
+    pub projector: String,
+    /// What the images' descriptors are.
+    pub handle: ExportHandle,
+    /// How many images.
+    pub images: usize,
+    /// Columns.
+    pub width: u32,
+    /// Rows; row 0 is the top one.
+    pub height: u32,
+    /// The picture in each image.
+    pub color: ExportPlane,
+    /// Its depth.
+    pub depth: ExportPlane,
+    /// What an importer says of the memory.
+    pub memory: ExportMemory,
+    /// What an importer says of the buffer in it.
+    pub buffer: ExportBuffer,
+    /// Whether a timeline semaphore says when a picture is whole.
+    pub semaphore: bool,
+    /// The device that has the memory, as Vulkan knows it.
+    pub device_uuid: String,
+    /// The driver that has it.
+    pub driver_uuid: String,
+}
+
+/// Where pixels lie in an exported image.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ExportPlane {
+    /// Vulkan's name of the format, without its `VK_FORMAT_`.
+    pub format: String,
+    /// Where the first row begins, bytes.
+    pub offset: u64,
+    /// From one row to the next, bytes.
+    pub row_pitch: u64,
+}
+
+/// Memory that is to be imported.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ExportMemory {
+    /// Its size (`VkMemoryAllocateInfo::allocationSize`).
+    pub bytes: u64,
+    /// The index of its type on the device.
+    #[serde(rename = "type")]
+    pub memory_type: u32,
+    /// Whether it is dedicated to the buffer.
+    pub dedicated: bool,
+}
+
+/// The buffer that lies at the beginning of that memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ExportBuffer {
+    /// Its size.
+    pub bytes: u64,
+    /// Its `VkBufferUsageFlags`.
+    pub usage: u32,
 }
 
 /// `subscribe`'s answer: what is heard of from now on, instead of what was before.

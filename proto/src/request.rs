@@ -44,6 +44,12 @@ pub enum Op {
     /// Show a test pattern instead of the scene.
     #[serde(rename = "pattern")]
     Pattern(PatternRequest),
+    /// Have a projector's pictures in memory of its own, as descriptors.
+    #[serde(rename = "export.open")]
+    ExportOpen(ExportOpen),
+    /// Give one of them back.
+    #[serde(rename = "export.release")]
+    ExportRelease(ExportRelease),
     /// Read the configuration again, as SIGHUP does.
     #[serde(rename = "config.reload")]
     ConfigReload,
@@ -51,8 +57,19 @@ pub enum Op {
 
 impl Op {
     /// The names of all ops, as on the wire.
-    pub const NAMES: [&'static str; 9] =
-        ["hello", "status", "scene.get", "scene.apply", "pose", "snapshot", "subscribe", "pattern", "config.reload"];
+    pub const NAMES: [&'static str; 11] = [
+        "hello",
+        "status",
+        "scene.get",
+        "scene.apply",
+        "pose",
+        "snapshot",
+        "subscribe",
+        "pattern",
+        "export.open",
+        "export.release",
+        "config.reload",
+    ];
 }
 
 /// The parameters of `scene.apply`.
@@ -172,6 +189,36 @@ pub enum EventKind {
     Tracker,
     /// An output was lost or came back.
     Output,
+}
+
+/// The parameters of `export.open`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExportOpen {
+    /// The projector's name.
+    pub projector: String,
+    /// Absent: `opaque-fd`.
+    #[serde(default)]
+    pub handle: ExportHandle,
+}
+
+/// What kind of descriptor stands for memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExportHandle {
+    /// One that the same driver alone imports.
+    #[default]
+    OpaqueFd,
+    /// One of the kernel.
+    DmaBuf,
+}
+
+/// The parameters of `export.release`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExportRelease {
+    /// Which image, from 0.
+    pub image: usize,
 }
 
 /// The parameters of `pattern`.

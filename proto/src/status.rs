@@ -159,6 +159,12 @@ pub struct OutputStatus {
     pub pixels: String,
     /// How often it shows another image.
     pub refresh_hz: f64,
+    /// Of an export: how many clients have its images.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub readers: Option<u64>,
+    /// Of an export: pictures that a client has missed because it held all of its images.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub readers_missed: Option<u64>,
 }
 
 /// A projector's state.
@@ -166,7 +172,7 @@ pub struct OutputStatus {
 pub struct ProjectorStatus {
     /// Width and height.
     pub resolution_px: [u32; 2],
-    /// `headless`, `window` or `display`.
+    /// `headless`, `window`, `display` or `export`.
     pub output: String,
     /// How that is.
     #[serde(default)]

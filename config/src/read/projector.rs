@@ -45,8 +45,10 @@ fn output(table: Table<'_>) -> Option<Output> {
         Headless,
         Window,
         Display,
+        Export,
     }
-    let kinds = [("headless", Kind::Headless), ("window", Kind::Window), ("display", Kind::Display)];
+    let kinds =
+        [("headless", Kind::Headless), ("window", Kind::Window), ("display", Kind::Display), ("export", Kind::Export)];
     let kind = table.required("kind", "\"headless\"").and_then(|value| value.choice(&kinds));
     let refresh = table.get("refresh_hz");
     let refresh_hz = refresh.and_then(|v| v.number_where("from 1 to 1000", |hz| (1.0..=1000.0).contains(&hz)));
@@ -86,6 +88,7 @@ fn output(table: Table<'_>) -> Option<Output> {
         Kind::Headless => OutputKind::Headless,
         Kind::Window => OutputKind::Window { server, fullscreen: fullscreen.unwrap_or(Fullscreen::No) },
         Kind::Display => OutputKind::Display { connector, edid },
+        Kind::Export => OutputKind::Export,
     };
     let default = Output::default();
     Some(Output {

@@ -48,6 +48,8 @@ pub(crate) enum Access {
     GraphicsStructure,
     /// An image that a screen shows.
     Shown,
+    /// Memory that another process reads.
+    External,
 }
 
 /// What an access is in Vulkan's terms.
@@ -60,7 +62,7 @@ pub(crate) struct Scope {
 }
 
 impl Access {
-    pub(crate) const COUNT: usize = 20;
+    pub(crate) const COUNT: usize = 21;
 
     pub(crate) const ALL: [Access; Access::COUNT] = [
         Access::ComputeUniform,
@@ -83,6 +85,7 @@ impl Access {
         Access::ComputeStructure,
         Access::GraphicsStructure,
         Access::Shown,
+        Access::External,
     ];
 
     /// The table.
@@ -116,6 +119,8 @@ impl Access {
             Access::GraphicsStructure => (graphics, walk, L::UNDEFINED),
             // Semaphores stand before and behind it, and reach all stages.
             Access::Shown => (S::NONE, A::NONE, L::PRESENT_SRC_KHR),
+            // Whoever hands it over waits for its semaphore, or for the device, before anyone is told.
+            Access::External => (S::NONE, A::NONE, L::UNDEFINED),
         };
         Scope { stages, access, layout }
     }

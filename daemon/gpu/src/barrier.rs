@@ -36,6 +36,7 @@ pub(crate) struct Gathered {
     first: AccessSet,
     then: AccessSet,
     images: Vec<vk::ImageMemoryBarrier2<'static>>,
+    buffers: Vec<vk::BufferMemoryBarrier2<'static>>,
 }
 
 impl Gathered {
@@ -89,6 +90,27 @@ impl Gathered {
         );
     }
 
+    /// Adds the hand-over of a buffer from a family of queues to other processes, after what `before` asks for.
+    pub(crate) fn add_release(&mut self, buffer: vk::Buffer, family: u32, before: &Before) {
+        let mut first = AccessSet::default();
+        for &(accesses, _) in &before.here {
+            first.insert(accesses);
+        }
+        let (src_stages, src_access) = source(first);
+        let (dst_stages, dst_access) = destination(AccessSet::of(Access::External));
+        self.buffers.push(
+            vk::BufferMemoryBarrier2::default()
+                .src_stage_mask(src_stages)
+                .src_access_mask(src_access)
+                .dst_stage_mask(dst_stages)
+                .dst_access_mask(dst_access)
+                .src_queue_family_index(family)
+                .dst_queue_family_index(vk::QUEUE_FAMILY_EXTERNAL)
+                .buffer(buffer)
+                .size(vk::WHOLE_SIZE),
+        );
+    }
+
     /// Hands the barrier to `emit`, unless there is none to say, and notes that it stands before `operation`. Returns
     /// whether there was one.
     pub(crate) fn flush(
@@ -97,7 +119,7 @@ impl Gathered {
         operation: u64,
         emit: impl FnOnce(&vk::DependencyInfo<'_>),
     ) -> bool {
-        if self.first.is_empty() && self.images.is_empty() {
+        if self.first.is_empty() && self.images.is_empty() && self.buffers.is_empty() {
             return false;
         }
         let (src_stages, src_access) = source(self.first);
@@ -107,7 +129,8 @@ impl Gathered {
             .src_access_mask(src_access)
             .dst_stage_mask(dst_stages)
             .dst_access_mask(dst_access)];
-        let mut info = vk::DependencyInfo::default().image_memory_barriers(&self.images);
+        let mut info =
+            vk::DependencyInfo::default().image_memory_barriers(&self.images).buffer_memory_barriers(&self.buffers);
         if !self.first.is_empty() {
             info = info.memory_barriers(&memory);
         }

@@ -7,6 +7,7 @@ use gpu_allocator::MemoryLocation;
 
 use crate::device::Device;
 use crate::error::GpuError;
+use crate::export::{self, Lent};
 use crate::handle::{DeviceHandle, Limits};
 use crate::history::History;
 use crate::memory::Memory;
@@ -201,6 +202,60 @@ impl Buffer {
                 .map_err(|result| GpuError::vulkan(format!("creating the view of buffer {name:?}"), result))?;
         }
         Ok(Arc::new(buffer))
+    }
+
+    /// A storage buffer whose memory can be exported as `handle`, with the memory's type and whether it is the buffer's alone.
+    ///
+    /// # Errors
+    /// As for [`Buffer::new`], and [`GpuError::Unsupported`].
+    pub(crate) fn exported(
+        device: &Arc<DeviceHandle>,
+        name: &str,
+        bytes: u64,
+        handle: vk::ExternalMemoryHandleTypeFlags,
+    ) -> Result<(Arc<Buffer>, Lent), GpuError> {
+        let kind = BufferKind::Storage;
+        let raw_bytes = bytes.checked_next_multiple_of(4).ok_or_else(|| GpuError::misuse(name, "too many bytes"))?;
+        kind.check(name, bytes, raw_bytes, &device.limits)?;
+        let alone = export::is_exportable(device, name, kind.usage(), handle)?;
+        let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle);
+        let info = vk::BufferCreateInfo::default().size(raw_bytes).usage(kind.usage()).push_next(&mut external);
+        // SAFETY: size and usage are valid, and the device exports such buffers; the new object is named before anyone else has
+        // it.
+        let raw = unsafe {
+            let raw = device
+                .raw
+                .create_buffer(&info, None)
+                .map_err(|result| GpuError::vulkan(format!("creating buffer {name:?}"), result))?;
+            device.naming.name(raw, name);
+            raw
+        };
+
+        // From here on the buffer is owned, so that it is destroyed when a later step fails.
+        let mut buffer = Buffer {
+            raw,
+            view: vk::BufferView::null(),
+            device: Arc::clone(device),
+            history: Mutex::default(),
+            memory: None,
+            name: name.into(),
+            kind,
+            bytes,
+        };
+        // SAFETY: the buffer was just created, for this handle.
+        let (memory, memory_bytes, memory_type) = unsafe { export::memory_for(device, name, raw, handle, alone)? };
+        // SAFETY: the buffer has no memory yet; the memory suits its requirements, and `buffer` drops the buffer before it.
+        let object = unsafe {
+            let (object, offset) = memory.place();
+            buffer.memory = Some(memory);
+            device
+                .raw
+                .bind_buffer_memory(raw, object, offset)
+                .map_err(|result| GpuError::vulkan(format!("binding memory to buffer {name:?}"), result))?;
+            object
+        };
+        let usage = kind.usage().as_raw();
+        Ok((Arc::new(buffer), Lent { object, memory_bytes, memory_type, alone, buffer_bytes: raw_bytes, usage }))
     }
 
     /// Its size in bytes.

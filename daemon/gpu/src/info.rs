@@ -26,6 +26,8 @@ pub struct DeviceInfo {
     pub kind: &'static str,
     /// The device's UUID, 32 lower-case hex digits in the usual groups.
     pub uuid: String,
+    /// The driver's UUID, in the same form: memory is shared by devices and drivers of the same UUIDs.
+    pub driver_uuid: String,
     /// The Vulkan version that it speaks, such as `1.3.230`.
     pub api_version: String,
     /// Its queue families.
@@ -138,6 +140,7 @@ pub(crate) fn query(instance: &Instance, device: vk::PhysicalDevice, index: usiz
     // SAFETY: as above, and the device knows these structures.
     unsafe { instance.raw().get_physical_device_properties2(device, &mut all) };
     info.uuid = uuid_text(&v11.device_uuid);
+    info.driver_uuid = uuid_text(&v11.driver_uuid);
     info.subgroup_size = v11.subgroup_size;
     info.driver_name = text(v12.driver_name_as_c_str().ok());
     info.driver_info = text(v12.driver_info_as_c_str().ok());

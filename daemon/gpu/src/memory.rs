@@ -10,12 +10,19 @@ use gpu_allocator::{AllocationError, MemoryLocation};
 use crate::error::GpuError;
 use crate::handle::DeviceHandle;
 
-/// A piece of device memory; goes back to the allocator when dropped.
+/// A piece of device memory; goes back to where it came from when dropped.
 pub(crate) struct Memory {
     device: Arc<DeviceHandle>,
-    /// None only while it is being dropped.
-    allocation: Option<Allocation>,
+    source: Source,
     bytes: u64,
+}
+
+/// Where memory comes from.
+enum Source {
+    /// The device's allocator, whose blocks hold several objects. None only while it is being dropped.
+    Shared(Option<Allocation>),
+    /// A memory object of its own, which the host does not map.
+    Own(vk::DeviceMemory),
 }
 
 impl Memory {
@@ -49,7 +56,30 @@ impl Memory {
         })?;
         let bytes = allocation.size();
         device.allocated_bytes.fetch_add(bytes, Ordering::Relaxed);
-        Ok(Memory { device: Arc::clone(device), allocation: Some(allocation), bytes })
+        Ok(Memory { device: Arc::clone(device), source: Source::Shared(Some(allocation)), bytes })
+    }
+
+    /// Takes a memory object of its own, as `info` says.
+    ///
+    /// # Safety
+    /// `info` is valid for the device, and its structures are.
+    pub(crate) unsafe fn own(
+        device: &Arc<DeviceHandle>,
+        name: &str,
+        info: &vk::MemoryAllocateInfo<'_>,
+    ) -> Result<Memory, GpuError> {
+        let bytes = info.allocation_size;
+        // SAFETY: by this function's contract; the new object is named before anyone else has it.
+        let raw = unsafe {
+            let raw = device
+                .raw
+                .allocate_memory(info, None)
+                .map_err(|result| GpuError::vulkan(format!("taking {bytes} bytes for {name:?}"), result))?;
+            device.naming.name(raw, name);
+            raw
+        };
+        device.allocated_bytes.fetch_add(bytes, Ordering::Relaxed);
+        Ok(Memory { device: Arc::clone(device), source: Source::Own(raw), bytes })
     }
 
     /// The memory object and the offset in it, to bind.
@@ -57,24 +87,34 @@ impl Memory {
     /// # Safety
     /// Only to bind one object that is destroyed before this memory is dropped.
     pub(crate) unsafe fn place(&self) -> (vk::DeviceMemory, u64) {
-        match &self.allocation {
+        match &self.source {
             // SAFETY: the caller does not free the memory object, by this function's contract.
-            Some(allocation) => (unsafe { allocation.memory() }, allocation.offset()),
-            None => (vk::DeviceMemory::null(), 0),
+            Source::Shared(Some(allocation)) => (unsafe { allocation.memory() }, allocation.offset()),
+            Source::Shared(None) => (vk::DeviceMemory::null(), 0),
+            Source::Own(raw) => (*raw, 0),
         }
     }
 
     /// Where the host sees it, and how many bytes; None for memory of the device alone.
     pub(crate) fn mapped(&self) -> Option<(std::ptr::NonNull<u8>, u64)> {
-        let allocation = self.allocation.as_ref()?;
+        let Source::Shared(Some(allocation)) = &self.source else { return None };
         Some((allocation.mapped_ptr()?.cast(), allocation.size()))
     }
 }
 
 impl Drop for Memory {
     fn drop(&mut self) {
+        let allocation = match &mut self.source {
+            Source::Shared(allocation) => allocation.take(),
+            Source::Own(raw) => {
+                self.device.allocated_bytes.fetch_sub(self.bytes, Ordering::Relaxed);
+                // SAFETY: what was bound to it is destroyed before, by the contract of `place`.
+                unsafe { self.device.raw.free_memory(*raw, None) };
+                return;
+            }
+        };
         let mut allocator = self.device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
-        if let (Some(allocator), Some(allocation)) = (allocator.as_mut(), self.allocation.take()) {
+        if let (Some(allocator), Some(allocation)) = (allocator.as_mut(), allocation) {
             self.device.allocated_bytes.fetch_sub(self.bytes, Ordering::Relaxed);
             if let Err(error) = allocator.free(allocation) {
                 tracing::error!(%error, "memory could not be given back");

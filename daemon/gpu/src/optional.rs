@@ -4,6 +4,7 @@ use std::ffi::CStr;
 
 use ash::{ext, khr, nv, vk};
 
+use crate::export;
 use crate::instance::Instance;
 
 /// Which of them a device has, with the features behind them.
@@ -17,6 +18,12 @@ pub(crate) struct Optional {
     pub(crate) hdr_metadata: bool,
     /// `VK_NV_present_barrier`: swapchains that flip together, over several screens and machines.
     pub(crate) present_barrier: bool,
+    /// `VK_KHR_external_memory_fd`: memory that other processes import.
+    pub(crate) memory_fd: bool,
+    /// `VK_EXT_external_memory_dma_buf`: the same, for whoever speaks another language than Vulkan.
+    pub(crate) dma_buf: bool,
+    /// `VK_KHR_external_semaphore_fd`, for timelines.
+    pub(crate) timeline_fd: bool,
 }
 
 /// The structures by which a device is asked to switch features on, to be chained where [`Optional`] says so.
@@ -32,9 +39,16 @@ impl Optional {
         // SAFETY: the device is one that this instance listed. One that cannot list its extensions has none to use.
         let listed = unsafe { instance.raw().enumerate_device_extension_properties(device) }.unwrap_or_default();
         let has = |name: &CStr| listed.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name));
+        let memory_fd = has(khr::external_memory_fd::NAME);
+        let exports = Optional {
+            memory_fd,
+            dma_buf: memory_fd && has(ext::external_memory_dma_buf::NAME),
+            timeline_fd: has(khr::external_semaphore_fd::NAME) && export::exports_timelines(instance, device),
+            ..Optional::default()
+        };
         let swapchain = instance.has(khr::surface::NAME) && has(khr::swapchain::NAME);
         if !swapchain {
-            return Optional::default();
+            return exports;
         }
 
         // Only structures of extensions that are there may be asked for.
@@ -57,6 +71,7 @@ impl Optional {
             present_wait: id.present_id == vk::TRUE && wait.present_wait == vk::TRUE,
             hdr_metadata: has(ext::hdr_metadata::NAME),
             present_barrier: barrier.present_barrier == vk::TRUE,
+            ..exports
         }
     }
 
@@ -74,6 +89,15 @@ impl Optional {
         }
         if self.present_barrier {
             all.push(nv::present_barrier::NAME);
+        }
+        if self.memory_fd {
+            all.push(khr::external_memory_fd::NAME);
+        }
+        if self.dma_buf {
+            all.push(ext::external_memory_dma_buf::NAME);
+        }
+        if self.timeline_fd {
+            all.push(khr::external_semaphore_fd::NAME);
         }
         all
     }

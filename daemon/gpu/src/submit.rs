@@ -155,7 +155,8 @@ impl Device {
         let signals: Vec<Vec<_>> = (parts.iter())
             .map(|(commands, _, value)| {
                 let drawn = commands.surface().map(|[_, drawn]| binary(drawn));
-                [semaphore(&queue.timeline, *value)].into_iter().chain(drawn).collect()
+                let shared = commands.shared().map(|(timeline, value)| binary(timeline.raw()).value(*value));
+                [semaphore(&queue.timeline, *value)].into_iter().chain(drawn).chain(shared).collect()
             })
             .collect();
         let buffers: Vec<_> = (parts.iter())
@@ -172,8 +173,9 @@ impl Device {
         let name = parts.first().map_or("", |(commands, ..)| commands.name());
         // SAFETY: the queue's lock is held by the caller. The command buffers are complete and submitted this once; all
         // that they use, and their timeline, are parked by the caller until they have completed. The semaphores are
-        // timelines of this device, or those of a surface's image, which was taken; the values waited for were submitted, or are by the caller after this, which sees to it
-        // that they come even where that fails; those signalled are the next.
+        // timelines of this device, or those of a surface's image, which was taken; the values waited for were submitted, or are
+        // by the caller after this, which sees to it that they come even where that fails; those signalled are the next: of
+        // a shared timeline by the order of `Recorder::hand_out`.
         unsafe { self.handle.raw.queue_submit2(queue.raw, &infos, vk::Fence::null()) }
             .map_err(|result| GpuError::vulkan(format!("submitting {name:?}"), result))?;
         self.count(Work { submissions: 1, ..Work::default() });

@@ -12,6 +12,7 @@ mod block;
 mod bound;
 mod catalogue;
 mod error;
+mod export;
 mod frame;
 pub mod ideal_tiles;
 mod jitter;
@@ -48,6 +49,7 @@ pub mod visible;
 
 pub use block::bytes_beyond;
 pub use error::RenderError;
+pub use export::ExportLayout;
 pub use frame::{GpuFrame, GpuSetup, MAX_VIEWERS};
 pub use loads::Loads;
 pub use pattern::Pattern;

@@ -9,6 +9,7 @@ use lantern_scene::Scene;
 
 use crate::bound::Bound;
 use crate::catalogue::Catalogue;
+use crate::export::Export;
 use crate::frame::{GpuFrame, GpuSetup};
 use crate::ideal_tiles::IdealTiles;
 use crate::jitter::sample_state;
@@ -45,6 +46,7 @@ pub(crate) struct Projector {
     pub(crate) due: bool,
     constants_written: bool,
     present: Option<Present>,
+    export: Option<Export>,
 }
 
 impl Projector {
@@ -73,6 +75,7 @@ impl Projector {
             due: true,
             constants_written: false,
             present: None,
+            export: None,
         })
     }
 
@@ -218,6 +221,20 @@ impl Projector {
             None => Present::new(device, &self.targets, mapped, target)?,
         };
         self.present.insert(of).record(recorder, &self.targets, target)
+    }
+
+    /// Writes what it shows to a buffer of another process.
+    pub(crate) fn record_export(
+        &mut self,
+        device: &Arc<Device>,
+        recorder: &mut Recorder,
+        to: &Arc<Buffer>,
+    ) -> Result<(), GpuError> {
+        let of = match self.export.take() {
+            Some(export) => export,
+            None => Export::new(device)?,
+        };
+        self.export.insert(of).record(recorder, &self.targets, self.frustum.is_reversed(), to)
     }
 
     /// A recording for its queue.

@@ -430,6 +430,25 @@ impl Renderer {
         }
     }
 
+    /// Writes what a projector shows, and its depth, to a buffer that lies as [`ExportLayout`] says: what the last frame made of
+    /// it, whole. False where there was none yet, or where the buffer is for other columns or rows; then nothing is recorded.
+    ///
+    /// # Errors
+    /// What Vulkan says.
+    pub fn export(
+        &mut self,
+        recorder: &mut Recorder,
+        projector: usize,
+        to: &Arc<Buffer>,
+        size_px: [u32; 2],
+    ) -> Result<bool, GpuError> {
+        let fits = |p: &&mut Projector| self.has_shown && p.targets.size_px == size_px;
+        match self.projectors.get_mut(projector).filter(fits) {
+            Some(of) => of.record_export(&self.device, recorder, to).map(|()| true),
+            None => Ok(false),
+        }
+    }
+
     /// Renders what is stale. `newest_viewers` is asked twice: to learn whether an eye has moved, and again right before the
     /// submissions, whose frames all show what that second answer says. `None`: nothing was stale, nothing was submitted.
     ///

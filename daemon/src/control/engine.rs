@@ -4,9 +4,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use lantern_proto::status::TrackerStatus;
-use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status};
+use lantern_proto::{
+    Applied, Edit, ErrorBody, ExportOpen, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status,
+};
 
 use super::events::Events;
+use crate::feed::Lent;
 
 /// A file in memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,6 +64,12 @@ pub trait Engine: Send + Sync + 'static {
     /// # Errors
     /// An unknown projector.
     fn pattern(&self, request: &PatternRequest) -> Result<(), ErrorBody>;
+
+    /// Images for a client that wants a projector's pictures, and its end of them.
+    ///
+    /// # Errors
+    /// An unknown projector, or one whose pictures go elsewhere.
+    fn export(&self, open: &ExportOpen) -> Result<Lent, ErrorBody>;
 
     /// Reads the configuration again.
     ///

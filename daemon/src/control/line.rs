@@ -2,8 +2,10 @@
 
 use lantern_proto::MAX_LINE_BYTES;
 use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
-use std::io::{self, IoSliceMut};
+use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg};
+use std::io::{self, IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
+use std::os::fd::{AsFd, OwnedFd};
 use std::time::{Duration, Instant};
 use tokio::io::Interest;
 use tokio::net::UnixStream;
@@ -109,6 +111,24 @@ pub(crate) async fn discard(stream: &UnixStream, most: usize, patience: Duration
     };
     // Whether the client has ended or time has, the socket is closed next.
     let _ = timeout(patience, discarding).await;
+}
+
+/// Writes everything, and passes descriptors with its first byte.
+///
+/// # Errors
+/// As [`write_all`].
+pub(crate) async fn write_with(stream: &UnixStream, bytes: &[u8], descriptors: &[OwnedFd]) -> io::Result<()> {
+    let descriptors: Vec<_> = descriptors.iter().map(AsFd::as_fd).collect();
+    let mut room = vec![MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(descriptors.len()))];
+    let mut ancillary = SendAncillaryBuffer::new(&mut room);
+    if !ancillary.push(SendAncillaryMessage::ScmRights(&descriptors)) {
+        return Err(io::ErrorKind::InvalidInput.into());
+    }
+    let send = stream.async_io(Interest::WRITABLE, || {
+        Ok(sendmsg(stream, &[IoSlice::new(bytes)], &mut ancillary, SendFlags::NOSIGNAL)?)
+    });
+    let sent = timeout(WRITE_PATIENCE, send).await.map_err(|_| io::ErrorKind::TimedOut)??;
+    write_all(stream, &bytes[sent..]).await
 }
 
 /// Writes everything.

@@ -8,6 +8,7 @@
 //! - `server`: accepting clients, no more than the limit;
 //! - `session`: one client, its requests in order;
 //! - `pace`: how fast it is read;
+//! - `hears`: what it hears of unasked: events, and pictures that it has imported;
 //! - `handed`: edits that are too long for a line, in a memfd;
 //! - `line`: lines in, bytes out, neither without bounds.
 //!
@@ -18,6 +19,7 @@ mod door;
 pub mod engine;
 pub mod events;
 mod handed;
+mod hears;
 mod line;
 mod listener;
 mod pace;

@@ -7,9 +7,11 @@
 use super::engine::{Engine, Picture};
 use super::events::Subscription;
 use super::handed;
-use super::line::{Lines, Said, discard, write_all};
+use super::hears::{Hears, beside_events};
+use super::line::{Lines, Said, discard, write_all, write_with};
 use super::pace::Pace;
 use super::rules::Rules;
+use crate::feed::{Lent, Reader};
 use lantern_proto::{
     ErrorBody, Id, MAX_LINE_BYTES, Op, Outcome, Refusal, Reply, Request, SnapshotHead, Subscribed, parse_line,
 };
@@ -17,7 +19,6 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use std::io;
 use std::os::fd::OwnedFd;
-use std::pin::pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::net::UnixStream;
@@ -58,24 +59,34 @@ pub(super) async fn turn_away(stream: &UnixStream, error: ErrorBody) {
 
 async fn converse(stream: &UnixStream, engine: Arc<dyn Engine>, rules: &Arc<Rules>) -> io::Result<()> {
     let mut lines = Lines::default();
-    let mut subscription = None;
+    let mut hears = Hears::default();
     let mut pace = Pace::new(rules.max_requests_per_s, Instant::now());
     loop {
-        match beside_events(stream, subscription.as_ref(), lines.next(stream)).await?? {
+        match beside_events(stream, &hears, lines.next(stream)).await?? {
             Said::Line(bytes) => {
                 let wait = pace.take(Instant::now());
                 if !wait.is_zero() {
-                    beside_events(stream, subscription.as_ref(), tokio::time::sleep(wait)).await?;
+                    beside_events(stream, &hears, tokio::time::sleep(wait)).await?;
                 }
                 let file = lines.handed.named_by(&bytes);
-                let answered = answer(bytes, file, engine.clone(), rules);
-                let (reply, rest) = beside_events(stream, subscription.as_ref(), answered).await?;
-                write_all(stream, &line_of(&reply)).await?;
+                let answered = answer(bytes, file, engine.clone(), rules, hears.reader.as_ref());
+                let (reply, rest) = beside_events(stream, &hears, answered).await?;
+                let line = line_of(&reply);
                 match rest {
-                    Rest::Nothing => {}
-                    Rest::Picture(picture) => write_all(stream, &picture.bytes).await?,
-                    // Of what was subscribed to before, nothing more is heard.
-                    Rest::Subscription(new) => subscription = Some(new),
+                    Rest::Nothing => write_all(stream, &line).await?,
+                    Rest::Picture(picture) => {
+                        write_all(stream, &line).await?;
+                        write_all(stream, &picture.bytes).await?;
+                    }
+                    Rest::Subscription(new) => {
+                        write_all(stream, &line).await?;
+                        // Of what was subscribed to before, nothing more is heard.
+                        hears.subscription = Some(new);
+                    }
+                    Rest::Reader(descriptors, reader) => {
+                        write_with(stream, &line, &descriptors).await?;
+                        hears.reader = Some(reader);
+                    }
                 }
             }
             Said::TooLong => {
@@ -88,29 +99,6 @@ async fn converse(stream: &UnixStream, engine: Arc<dyn Engine>, rules: &Arc<Rule
                 return Ok(());
             }
             Said::End => return Ok(()),
-        }
-    }
-}
-
-/// Waits for something, and writes what the client hears of meanwhile.
-async fn beside_events<T>(
-    stream: &UnixStream,
-    subscription: Option<&Subscription>,
-    awaited: impl Future<Output = T>,
-) -> io::Result<T> {
-    let Some(subscription) = subscription else { return Ok(awaited.await) };
-    let mut awaited = pin!(awaited);
-    loop {
-        let event = tokio::select! {
-            done = &mut awaited => return Ok(done),
-            event = subscription.next() => event,
-        };
-        match serde_json::to_vec(&*event) {
-            Ok(mut line) => {
-                line.push(b'\n');
-                write_all(stream, &line).await?;
-            }
-            Err(error) => tracing::error!(%error, "an event cannot be written as JSON"),
         }
     }
 }
@@ -138,6 +126,8 @@ enum Rest<'a> {
     Picture(Held<'a>),
     /// What the client hears of from then on.
     Subscription(Subscription),
+    /// Descriptors that come with it, and the pictures in them.
+    Reader(Vec<OwnedFd>, Reader),
 }
 
 /// A picture in memory, and the place that it takes there.
@@ -146,13 +136,14 @@ struct Held<'a> {
     _place: Option<SemaphorePermit<'a>>,
 }
 
-/// The reply to a line, and what comes of it besides.
-async fn answer(
+/// The reply to a line, and what comes of it besides. `reader` is what the client reads already.
+async fn answer<'a>(
     line: Vec<u8>,
     file: Option<Option<OwnedFd>>,
     engine: Arc<dyn Engine>,
-    rules: &Rules,
-) -> (Reply, Rest<'_>) {
+    rules: &'a Rules,
+    reader: Option<&Reader>,
+) -> (Reply, Rest<'a>) {
     let refuse = |id: Option<Id>, error| (Reply { id, outcome: Outcome::Error(error) }, Rest::Nothing);
     let parsed = match file {
         None => parse_line(&line),
@@ -162,6 +153,22 @@ async fn answer(
         Ok(request) => request,
         Err(Refusal { id, error }) => return refuse(id, error),
     };
+    // What concerns this client's own pictures alone.
+    match (&op, reader) {
+        (Op::ExportRelease(release), reader) => {
+            let image = release.image;
+            if reader.is_some_and(|reader| reader.release(image)) {
+                return (Reply { id: Some(id), outcome: Outcome::Ok(Value::Object(Map::new())) }, Rest::Nothing);
+            }
+            let message = format!("this client holds no image {image}; hint: release each that an event names, once");
+            return refuse(Some(id), ErrorBody::new("not-held", message).at("image"));
+        }
+        (Op::ExportOpen(_), Some(reader)) if !reader.has_ended() => {
+            let message = "this connection has an export already; hint: open another connection for another";
+            return refuse(Some(id), ErrorBody::new("busy", message));
+        }
+        _ => {}
+    }
     // Whoever asks for a picture waits until there is room for it. The semaphore is never closed.
     let place = match op {
         Op::Snapshot(_) => rules.pictures.acquire().await.ok(),
@@ -173,6 +180,7 @@ async fn answer(
                 With::Nothing => Rest::Nothing,
                 With::Picture(bytes) => Rest::Picture(Held { bytes, _place: place }),
                 With::Subscription(subscription) => Rest::Subscription(subscription),
+                With::Reader(descriptors, reader) => Rest::Reader(descriptors, reader),
             };
             (Reply { id: Some(id), outcome: Outcome::Ok(value) }, rest)
         }
@@ -194,6 +202,7 @@ enum With {
     Nothing,
     Picture(Vec<u8>),
     Subscription(Subscription),
+    Reader(Vec<OwnedFd>, Reader),
 }
 
 /// Asks the engine, which may block. What protocol 1 has and this version has not is refused.
@@ -216,6 +225,12 @@ fn perform(engine: &dyn Engine, op: Op) -> Result<Answer, ErrorBody> {
             let with = With::Subscription(engine.events().subscribe(&subscribe.events));
             Ok(Answer { with, ..plain(&Subscribed { events: subscribe.events })? })
         }
+        Op::ExportOpen(open) => {
+            let Lent { opened, descriptors, reader } = engine.export(&open)?;
+            Ok(Answer { with: With::Reader(descriptors, reader), ..plain(&opened)? })
+        }
+        // Each session's own.
+        Op::ExportRelease(_) => Err(ErrorBody::new("not-held", "there is no export").at("image")),
         Op::Pattern(pattern) => {
             engine.pattern(&pattern)?;
             plain(&Map::new())

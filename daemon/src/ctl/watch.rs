@@ -100,6 +100,8 @@ impl Watcher<'_> {
                 }
                 Event::Lost(lost) => book.miss(lost.count),
                 Event::Pose(_) | Event::Scene(_) | Event::Tracker(_) | Event::Output(_) => {}
+                // It has opened none.
+                Event::Export(_) | Event::ExportEnd(_) => {}
             }
         }
     }

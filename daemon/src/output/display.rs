@@ -7,7 +7,7 @@ use lantern_gpu::{Connector, Device, DisplayDesc, SwapchainDesc};
 use lantern_render::Renderer;
 
 use super::screen::Screen;
-use super::{Description, Output, OutputError, Showing};
+use super::{Description, Output, OutputError, Picture, Showing};
 
 /// A display with its picture.
 pub(super) struct DisplayOutput {
@@ -28,8 +28,8 @@ impl DisplayOutput {
 }
 
 impl Output for DisplayOutput {
-    fn show(&mut self, renderer: &mut Renderer, projector: usize) -> Result<Showing, OutputError> {
-        Ok(self.screen.show(renderer, projector)?)
+    fn show(&mut self, renderer: &mut Renderer, picture: Picture) -> Result<Showing, OutputError> {
+        Ok(self.screen.show(renderer, picture.projector)?)
     }
 
     fn must_show_again(&mut self) -> bool {
@@ -64,6 +64,7 @@ impl Output for DisplayOutput {
             pixels: self.screen.pixels(),
             refresh_hz: Some(self.refresh_hz),
             size_px: self.screen.size_px(),
+            ..Description::default()
         }
     }
 }

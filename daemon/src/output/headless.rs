@@ -4,14 +4,14 @@ use std::time::Instant;
 
 use lantern_render::Renderer;
 
-use super::{Description, Output, OutputError, Showing};
+use super::{Description, Output, OutputError, Picture, Showing};
 
 /// An output that is always there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Headless;
 
 impl Output for Headless {
-    fn show(&mut self, _: &mut Renderer, _: usize) -> Result<Showing, OutputError> {
+    fn show(&mut self, _: &mut Renderer, _: Picture) -> Result<Showing, OutputError> {
         Ok(Showing::Shown)
     }
 

@@ -1,12 +1,13 @@
 //! Where an image goes, and when it is due.
 //!
 //! - [`Output`]: what all of them are;
-//! - `headless`, `window`, `display`: the kinds; the latter two show images on a `screen`;
+//! - `headless`, `window`, `display`, `export`: the kinds; the two in the middle show images on a `screen`;
 //! - [`Outputs`]: those of all projectors, opened, lost, and opened again;
 //! - [`Clock`]: when a screen shows another image.
 
 mod clock;
 mod display;
+mod export;
 mod headless;
 mod screen;
 mod set;
@@ -14,10 +15,13 @@ mod window;
 
 use std::time::{Duration, Instant};
 
+use crate::feed::Lent;
 use lantern_gpu::{DisplayError, GpuError, WindowError};
+use lantern_proto::ExportHandle;
 use lantern_render::Renderer;
 
 pub use clock::Clock;
+pub use export::LendError;
 pub use set::{OutputSpec, Outputs};
 
 /// Why an output cannot be opened, or was lost.
@@ -35,6 +39,17 @@ pub enum OutputError {
     /// It went away by itself.
     #[error("{0}")]
     Gone(String),
+}
+
+/// A picture that is to be shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Whose, by the projector's place.
+    pub projector: usize,
+    /// The newest frame's number.
+    pub frame: u64,
+    /// Whether it was made since the last time, or is only to be shown again.
+    pub is_new: bool,
 }
 
 /// What came of showing a picture.
@@ -61,6 +76,10 @@ pub struct Description {
     pub refresh_hz: Option<f64>,
     /// Columns and rows of what it shows.
     pub size_px: Option<[u32; 2]>,
+    /// Clients that have its images, where it has any to give.
+    pub readers: Option<u64>,
+    /// Pictures that these have missed.
+    pub readers_missed: Option<u64>,
 }
 
 /// Where a projector's image goes.
@@ -73,7 +92,7 @@ pub trait Output: Send {
     ///
     /// # Errors
     /// [`OutputError`]: it is lost.
-    fn show(&mut self, renderer: &mut Renderer, projector: usize) -> Result<Showing, OutputError>;
+    fn show(&mut self, renderer: &mut Renderer, picture: Picture) -> Result<Showing, OutputError>;
 
     /// Whether it has to show its picture again, though that is still the same: it was covered, or has another size.
     fn must_show_again(&mut self) -> bool;
@@ -89,6 +108,14 @@ pub trait Output: Send {
 
     /// What it is.
     fn describe(&self) -> Description;
+
+    /// Images of its own for another client, where its pictures go to clients.
+    ///
+    /// # Errors
+    /// [`LendError`]: they do not, or there is no room for another.
+    fn lend(&mut self, _: ExportHandle) -> Result<Lent, LendError> {
+        Err(LendError::NoExport)
+    }
 }
 
 /// How long showing waits for a screen that has no room for another picture: it has by the next turn.

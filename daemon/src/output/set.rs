@@ -5,14 +5,17 @@ use std::time::{Duration, Instant};
 
 use lantern_config::{Fullscreen, OutputKind};
 use lantern_gpu::{Device, DisplayDesc, GpuError, Pixels, Placement, SwapchainDesc, WindowDesc};
+use lantern_proto::ExportHandle;
 use lantern_proto::event::{OutputEvent, OutputState};
 use lantern_proto::status::OutputStatus;
 use lantern_render::Renderer;
 
 use super::display::DisplayOutput;
+use super::export::{ExportOutput, LendError};
 use super::headless::Headless;
 use super::window::WindowOutput;
-use super::{Clock, Output, OutputError, Showing};
+use super::{Clock, Output, OutputError, Picture, Showing};
+use crate::feed::{Lent, Wake};
 
 /// How often outputs are looked at that may have gone, or may have come back.
 const LOOK: Duration = Duration::from_secs(1);
@@ -62,12 +65,10 @@ impl OutputSpec {
                 let desc = DisplayDesc { name, connector, edid, size_px: self.size_px, refresh_hz };
                 Box::new(DisplayOutput::open(device, &desc, chain)?)
             }
+            OutputKind::Export => Box::new(ExportOutput::open(device, &name, self.size_px, queue, wake.clone())?),
         })
     }
 }
-
-/// Wakes the frame thread.
-type Wake = Arc<dyn Fn() + Send + Sync>;
 
 /// Whether an output is there.
 enum State {
@@ -112,7 +113,15 @@ impl Slot {
             (_, Showing::Hidden) => (OutputState::Hidden, Some("its window has no pixels".to_owned())),
             (_, Showing::Shown | Showing::NotYet) => (OutputState::Shown, None),
         };
-        OutputStatus { state, detail, place: of.place, pixels: of.pixels.to_owned(), refresh_hz: self.refresh_hz() }
+        OutputStatus {
+            state,
+            detail,
+            place: of.place,
+            pixels: of.pixels.to_owned(),
+            refresh_hz: self.refresh_hz(),
+            readers: of.readers,
+            readers_missed: of.readers_missed,
+        }
     }
 
     fn misfit(&self, [width, height]: [u32; 2]) -> String {
@@ -191,7 +200,7 @@ impl Outputs {
         self.events.push(OutputEvent { projector: slot.spec.projector.clone(), state, detail });
     }
 
-    /// Looks after all of them: shows what was `rendered` since, by the projector's place, and what has to be shown again; opens
+    /// Looks after all of them: shows what was `rendered` since, by the projector's place, in `frame`, and what has to be shown again; opens
     /// again those that were lost.
     ///
     /// # Errors
@@ -200,6 +209,7 @@ impl Outputs {
         &mut self,
         renderer: &mut Renderer,
         rendered: impl Fn(usize) -> bool,
+        frame: u64,
         now: Instant,
     ) -> Result<(), GpuError> {
         let look = now >= self.next_look;
@@ -217,11 +227,12 @@ impl Outputs {
                 self.lose(index, &OutputError::Gone(why));
                 continue;
             }
+            let is_new = slot.behind;
             slot.behind |= output.must_show_again();
             if !slot.behind {
                 continue;
             }
-            match output.show(renderer, index) {
+            match output.show(renderer, Picture { projector: index, frame, is_new }) {
                 Ok(showing) => {
                     slot.behind = showing == Showing::NotYet;
                     let was = std::mem::replace(&mut slot.showing, showing);
@@ -243,6 +254,19 @@ impl Outputs {
             }
         }
         Ok(())
+    }
+
+    /// Images for another client of a projector's pictures, by its name. It has the newest one at the next turn.
+    ///
+    /// # Errors
+    /// [`LendError`].
+    pub fn lend(&mut self, projector: &str, handle: ExportHandle) -> Result<Lent, LendError> {
+        let slot = self.slots.iter_mut().find(|slot| slot.spec.projector == projector);
+        match slot.map(|slot| &mut slot.state) {
+            Some(State::Up(output)) => output.lend(handle),
+            Some(State::Lost { why }) => Err(LendError::Lost(why.clone())),
+            None => Err(LendError::NoExport),
+        }
     }
 
     /// When they want to be looked after next, though nothing is rendered: soon where one is behind, now and then where one may

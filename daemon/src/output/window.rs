@@ -7,7 +7,7 @@ use lantern_gpu::{Device, Surface, SwapchainDesc, Window, WindowDesc};
 use lantern_render::Renderer;
 
 use super::screen::Screen;
-use super::{Description, Output, OutputError, Showing};
+use super::{Description, Output, OutputError, Picture, Showing};
 
 /// A window with its picture. The picture goes first.
 pub(super) struct WindowOutput {
@@ -24,11 +24,11 @@ impl WindowOutput {
 }
 
 impl Output for WindowOutput {
-    fn show(&mut self, renderer: &mut Renderer, projector: usize) -> Result<Showing, OutputError> {
+    fn show(&mut self, renderer: &mut Renderer, picture: Picture) -> Result<Showing, OutputError> {
         if let Some(why) = self.gone() {
             return Err(OutputError::Gone(why));
         }
-        Ok(self.screen.show(renderer, projector)?)
+        Ok(self.screen.show(renderer, picture.projector)?)
     }
 
     fn must_show_again(&mut self) -> bool {
@@ -55,6 +55,7 @@ impl Output for WindowOutput {
             pixels: self.screen.pixels(),
             refresh_hz: self.window.refresh_hz(),
             size_px: self.screen.size_px(),
+            ..Description::default()
         }
     }
 }

@@ -10,7 +10,8 @@ use lantern_config::{Config, OutputKind};
 use lantern_gpu::Instance;
 use lantern_proto::status::{DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
 use lantern_proto::{
-    Applied, Edit, ErrorBody, Hello, Layer, PROTOCOL, Pattern, PatternRequest, Pose, Reloaded, SceneGet, Status,
+    Applied, Edit, ErrorBody, ExportOpen, Hello, Layer, PROTOCOL, Pattern, PatternRequest, Pose, Reloaded, SceneGet,
+    Status,
 };
 use lantern_render::{LayerImage, ProjectorSpec};
 use lantern_scene::{EditError, Editor, Scene, SceneProblem, may_take_long};
@@ -25,6 +26,8 @@ use super::shared::{Lease, Request};
 use super::state::Store;
 use crate::control::{Engine, Events, Picture};
 use crate::encode;
+use crate::feed::Lent;
+use crate::output::LendError;
 
 /// Longer than any frame: an answer that does not come by then never will.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -340,6 +343,17 @@ impl Engine for DaemonEngine {
         self.ask(Request::Pattern { projector: request.projector.clone(), pattern, reply }, &answer)
     }
 
+    fn export(&self, open: &ExportOpen) -> Result<Lent, ErrorBody> {
+        self.must_have(&open.projector)?;
+        let (reply, answer) = sync_channel(1);
+        let lent =
+            self.ask(Request::Lend { projector: open.projector.clone(), handle: open.handle, reply }, &answer)?;
+        lent.map_err(|error| match error {
+            LendError::Taken => ErrorBody::new("busy", error.to_string()),
+            error => ErrorBody::new("no-export", format!("projector `{}`: {error}", open.projector)).at("projector"),
+        })
+    }
+
     fn reload(&self) -> Result<Reloaded, ErrorBody> {
         let _turn = lock(&self.applying);
         let refused = |message: String| {
@@ -442,6 +456,7 @@ fn kind(output: &OutputKind) -> &'static str {
         OutputKind::Headless => "headless",
         OutputKind::Window { .. } => "window",
         OutputKind::Display { .. } => "display",
+        OutputKind::Export => "export",
     }
 }
 

@@ -359,7 +359,9 @@ impl FrameThread {
 
     /// Shows on the outputs what was rendered for them, and looks after them.
     pub(super) fn present(&mut self, frame: Option<&Frame>) -> Result<(), RenderError> {
-        for event in self.screens.present(&mut self.renderer, frame)? {
+        // A frame is counted once it is presented.
+        let number = self.frame + u64::from(frame.is_some());
+        for event in self.screens.present(&mut self.renderer, frame, number)? {
             self.tell(EventKind::Output, || Event::Output(event));
         }
         self.links.stats.set_outputs(self.screens.status(), self.renderer.is_coarse());

@@ -133,12 +133,12 @@ impl FrameThread {
         let mut again = Self { device, renderer, screens, ..self };
         again.links.hardware.opened(&again.device);
         again.links.stats.set_projectors(&again.renderer);
-        if let Some(frame) = &frame {
-            again.count(frame, began);
-        }
         // Where the device is lost over this, the next turn finds it so.
         if let Err(error) = again.present(frame.as_ref()) {
             tracing::warn!("outputs cannot be shown on: {error}");
+        }
+        if let Some(frame) = &frame {
+            again.count(frame, began);
         }
         again.shown = again.renderer.scene().clone();
         let revision = again.shown.revision;

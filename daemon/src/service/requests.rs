@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::Instant;
 
+use lantern_gpu::GpuError;
 use lantern_render::{Pattern, ProjectorSpec, RenderError, Renderer};
 use lantern_scene::Scene;
 
@@ -12,6 +13,7 @@ use super::frames::{FrameThread, Prepared, Setup};
 use super::refusal::{Refusal, is_loss};
 use super::shared::Request;
 use super::sight::Frame;
+use crate::output::LendError;
 
 impl FrameThread {
     /// Does what somebody asked, and answers.
@@ -54,6 +56,16 @@ impl FrameThread {
                 }
                 self.prepared.push(Prepared { scene, lease, reply: Some(reply) });
                 Ok(())
+            }
+            Request::Lend { projector, handle, reply } => {
+                // What a device cannot do at all is the client's to hear of; what fails is a matter of the device.
+                let lent = match self.screens.lend(&projector, handle) {
+                    Err(LendError::Gpu(error)) if !matches!(error, GpuError::Unsupported { .. }) => Err(error.into()),
+                    lent => Ok(lent),
+                };
+                // The picture that is there is its first.
+                self.links.shared.stir();
+                answer(&reply, lent)
             }
             Request::Reconfigure { setup, reply } => {
                 let done = self.reconfigure(*setup);

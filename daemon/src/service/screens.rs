@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use lantern_gpu::{Device, GpuError};
+use lantern_proto::ExportHandle;
 use lantern_proto::event::OutputEvent;
 use lantern_proto::status::OutputStatus;
 use lantern_render::Renderer;
@@ -12,7 +13,8 @@ use super::coarseness::Coarseness;
 use super::pace::{Pace, Plan};
 use super::shared::Shared;
 use super::sight::Frame;
-use crate::output::{Clock, OutputSpec, Outputs};
+use crate::feed::Lent;
+use crate::output::{Clock, LendError, OutputSpec, Outputs};
 
 /// How long the start waits for outputs that are not there; after that it goes on with those that are.
 const OUTPUT_PATIENCE: Duration = Duration::from_secs(10);
@@ -127,7 +129,7 @@ impl Screens {
         renderer.is_coarse() && self.last_coarse + REST <= now
     }
 
-    /// Shows what was rendered, and looks after the outputs; what has happened to them.
+    /// Shows what was rendered as the frame of that number, and looks after the outputs; what has happened to them.
     ///
     /// # Errors
     /// Where not an output is lost but the device.
@@ -135,9 +137,10 @@ impl Screens {
         &mut self,
         renderer: &mut Renderer,
         frame: Option<&Frame>,
+        number: u64,
     ) -> Result<Vec<OutputEvent>, GpuError> {
         let rendered = |index| frame.is_some_and(|frame| frame.report.projectors.iter().any(|p| p.projector == index));
-        self.outputs.tend(renderer, rendered, Instant::now())?;
+        self.outputs.tend(renderer, rendered, number, Instant::now())?;
         let events = self.outputs.take_events();
         if !events.is_empty() {
             // Another screen may have another rate.
@@ -145,6 +148,14 @@ impl Screens {
             self.pace.restart();
         }
         Ok(events)
+    }
+
+    /// Images for another client of a projector's pictures.
+    ///
+    /// # Errors
+    /// [`LendError`].
+    pub(super) fn lend(&mut self, projector: &str, handle: ExportHandle) -> Result<Lent, LendError> {
+        self.outputs.lend(projector, handle)
     }
 
     /// How each of them is, with its projector.

@@ -5,11 +5,14 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Instant;
 
+use lantern_proto::ExportHandle;
 use lantern_render::{Layer, LayerImage, Pattern};
 use lantern_scene::Scene;
 
 use super::frames::Setup;
 use super::refusal::Refusal;
+use crate::feed::Lent;
+use crate::output::LendError;
 
 /// Requests that may wait; one more is refused.
 const MAX_REQUESTS: usize = 64;
@@ -49,6 +52,15 @@ pub enum Request {
         lease: Weak<Lease>,
         /// Where the answer goes, once everything is there.
         reply: SyncSender<Result<(), Refusal>>,
+    },
+    /// Images of its own for a client that wants a projector's pictures.
+    Lend {
+        /// Its name.
+        projector: String,
+        /// What they are to be passed as.
+        handle: ExportHandle,
+        /// Where the answer goes.
+        reply: SyncSender<Result<Result<Lent, LendError>, Refusal>>,
     },
     /// Other projectors or settings.
     Reconfigure {

@@ -26,7 +26,7 @@ pub fn open_vulkan() -> anyhow::Result<Arc<Instance>> {
 pub fn open_vulkan_for(config: &lantern_config::Config) -> anyhow::Result<Arc<Instance>> {
     let names_one = |projector: &lantern_config::Projector| match &projector.output.kind {
         OutputKind::Window { server, .. } => server.as_ref().is_some_and(|server| !server.contains(':')),
-        OutputKind::Headless | OutputKind::Display { .. } => false,
+        OutputKind::Headless | OutputKind::Display { .. } | OutputKind::Export => false,
     };
     if config.projectors.iter().any(names_one) {
         return Instance::with(validation(), true).context("cannot start Vulkan");

@@ -3,8 +3,11 @@
 #![allow(dead_code, reason = "each test program uses its own part")]
 
 use lantern::control::{Door, Engine, Events, Listener, Picture, Rules, Server};
+use lantern::feed::Lent;
 use lantern_proto::status::{ConfigStatus, DeviceStatus, ProjectorStatus, SceneStatus, TrackerStatus};
-use lantern_proto::{Applied, Edit, ErrorBody, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status};
+use lantern_proto::{
+    Applied, Edit, ErrorBody, ExportOpen, Hello, Layer, PatternRequest, Pose, Reloaded, SceneGet, Status,
+};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -110,6 +113,10 @@ impl Engine for FakeEngine {
                 Err(ErrorBody::new("unknown-projector", format!("there is no projector `{other}`")).at("projector"))
             }
         }
+    }
+
+    fn export(&self, open: &ExportOpen) -> Result<Lent, ErrorBody> {
+        Err(ErrorBody::new("no-export", format!("projector `{}` goes nowhere", open.projector)).at("projector"))
     }
 
     fn reload(&self) -> Result<Reloaded, ErrorBody> {

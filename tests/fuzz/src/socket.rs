@@ -9,9 +9,10 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use lantern::control::{Engine, Events, Listener, Picture, Server};
+use lantern::feed::Lent;
 use lantern_proto::status::TrackerStatus;
 use lantern_proto::{
-    Applied, Edit, ErrorBody, Hello, Layer, MAX_LINE_BYTES, PatternRequest, Pose, Reloaded, SceneGet, Status,
+    Applied, Edit, ErrorBody, ExportOpen, Hello, Layer, MAX_LINE_BYTES, PatternRequest, Pose, Reloaded, SceneGet, Status,
 };
 use lantern_scene::Editor;
 use serde_json::Value;
@@ -81,6 +82,10 @@ impl Engine for Desk {
 
     fn pattern(&self, _: &PatternRequest) -> Result<(), ErrorBody> {
         Ok(())
+    }
+
+    fn export(&self, open: &ExportOpen) -> Result<Lent, ErrorBody> {
+        Err(ErrorBody::new("no-export", format!("projector `{}` goes nowhere", open.projector)).at("projector"))
     }
 
     fn reload(&self) -> Result<Reloaded, ErrorBody> {

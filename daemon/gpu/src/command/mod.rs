@@ -2,6 +2,7 @@
 
 mod copy;
 mod draw;
+mod hand_out;
 mod recording;
 mod structure;
 mod uses;
@@ -92,6 +93,7 @@ impl Recorder {
             barriers: 0,
             dispatches: 0,
             surface: None,
+            shared: None,
             encoder: Some(encoder),
         };
         let mut recorder = Recorder {

@@ -6,6 +6,7 @@ use ash::vk;
 
 use crate::device::{Device, Work};
 use crate::encoder::Encoder;
+use crate::export::SharedTimeline;
 use crate::release::Kept;
 use crate::ticket::{Phase, Ticket};
 use crate::timestamp::Span;
@@ -26,6 +27,8 @@ pub(super) struct Recording {
     pub(super) dispatches: u32,
     /// Where an image of a surface is drawn: the semaphore by which it was taken, and the one by which it is handed over.
     pub(super) surface: Option<[vk::Semaphore; 2]>,
+    /// Where other processes wait for it: what is signalled besides, and the value.
+    pub(super) shared: Option<(Arc<SharedTimeline>, u64)>,
     /// None once it was submitted.
     pub(super) encoder: Option<Encoder>,
 }
@@ -85,6 +88,10 @@ impl Commands {
 
     pub(crate) fn surface(&self) -> Option<[vk::Semaphore; 2]> {
         self.0.surface
+    }
+
+    pub(crate) fn shared(&self) -> Option<&(Arc<SharedTimeline>, u64)> {
+        self.0.shared.as_ref()
     }
 
     pub(crate) fn ticket(&self) -> &Arc<Ticket> {
