@@ -371,6 +371,7 @@ fn an_output_has_the_keys_of_its_kind() {
     output("kind = \"window\", edid = \"EPS-0123\"", "belongs to a display");
     output("kind = \"display\", connector = \"DP-1\", fullscreen = true", "belongs to a window");
     output("kind = \"headless\", server = \":0\"", "belongs to a window");
+    output("kind = \"export\", server = \":0\"", "belongs to a window");
     output("kind = \"display\"", "known by its `connector` or its `edid`");
     output("kind = \"window\", fullscreen = 1", "true or false");
     output("kind = \"window\", pixels = \"12-bit\"", "\"10-bit\"");

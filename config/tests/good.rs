@@ -127,6 +127,7 @@ fn a_picture_goes_where_the_configuration_says() {
     let window =
         |server: Option<&str>, fullscreen| OutputKind::Window { server: server.map(str::to_owned), fullscreen };
     assert_eq!(of("{ kind = \"window\" }"), Output { kind: window(None, Fullscreen::No), ..Output::default() });
+    assert_eq!(of("{ kind = \"export\" }"), Output { kind: OutputKind::Export, ..Output::default() });
     assert_eq!(of("{ kind = \"window\", fullscreen = true }").kind, window(None, Fullscreen::Any));
     assert_eq!(
         of("{ kind = \"window\", fullscreen = false, server = \":1\" }").kind,

@@ -91,11 +91,11 @@ struct Import {
 }
 
 impl Import {
-    fn start(daemon: &Daemon, count: u32) -> Self {
+    fn start(daemon: &Daemon, projector: &str, count: u32) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("picture");
         let mut command = Command::new(compiled(folder.path()));
-        command.arg(daemon.socket()).arg("left").arg(&out).arg(count.to_string());
+        command.arg(daemon.socket()).arg(projector).arg(&out).arg(count.to_string());
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let (said, next) = (BufReader::new(child.stdout.take().unwrap()), child.stdin.take());
         Self { child, said, next, out, _folder: folder }
@@ -119,39 +119,51 @@ impl Import {
     }
 }
 
+/// Compares what the program reads with the snapshots.
+fn compared(client: &mut Client, projector: &str, import: &mut Import, n: u32) -> Vec<[u8; 4]> {
+    let (event, color, depth) = import.picture(n);
+    let of = &client.status().unwrap()["projectors"][projector];
+    let told = (&event["projector"], &event["revision"], &event["frame"], &event["missed"]);
+    assert_eq!(told, (&json!(projector), &of["revision"], &of["frame"], &json!(0)), "{of}");
+
+    // The bytes are the same: colour is copied, and so is depth; where it is turned round, by the same subtraction.
+    let (shown, layer) = (client.png(projector, "color").unwrap(), client.layer(projector, "depth").unwrap());
+    assert!(color.iter().map(|p| [p[0], p[1], p[2]]).eq(shown.pixels().map(|p| p.0)));
+    assert!(color.iter().all(|p| p[3] == 255));
+    assert!(depth.iter().map(|z| z.to_bits()).eq(layer.values.iter().map(|z| z.to_bits())));
+    assert!(depth.contains(&1.0) && depth.iter().any(|z| *z < 1.0), "something is hit, and something missed");
+    color
+}
+
 #[test]
 fn another_program_reads_the_pixels_of_the_snapshots() {
-    let daemon = start();
+    // Two projectors, of which the second has the nearer depth as the greater one.
+    let stands = [lab::stand(-1.0), lab::stand(1.0)];
+    let [x, y, z, w] = stands[1].projection();
+    let exports = |toml: String| toml.replace("{ kind = \"headless\" }", "{ kind = \"export\" }");
+    let right =
+        stands[1].toml("right").replace(&format!("{:?}", [x, y, z, w]), &format!("{:?}", [x, y, z.map(|z| -z), w]));
+    let projectors = exports(stands[0].toml("left") + &right);
+    let daemon = Daemon::start(&[lab::RENDER, lab::SCENE, lab::TRACKED, &projectors].join("\n")).unwrap();
     let mut client = daemon.client().unwrap();
-    let mut import = Import::start(&daemon, 3);
-    let mut pictures = Vec::new();
+    let mut imports = ["left", "right"].map(|projector| (projector, Import::start(&daemon, projector, 3), Vec::new()));
     for n in 0..3u32 {
         match n {
             0 => {}
             1 => drop(edit(&mut client, 0.3)),
-            _ => drop(client.ask_ok("pattern", json!({"projector": "left", "name": "grid"})).unwrap()),
+            _ => drop(client.ask_ok("pattern", json!({"name": "grid"})).unwrap()),
         }
-        if n > 0 {
-            import.go_on();
+        for (projector, import, pictures) in &mut imports {
+            if n > 0 {
+                import.go_on();
+            }
+            pictures.push(compared(&mut client, projector, import, n));
         }
-        let (event, color, depth) = import.picture(n);
-        let of = &client.status().unwrap()["projectors"]["left"];
-        assert_eq!(
-            (&event["revision"], &event["frame"], &event["missed"]),
-            (&of["revision"], &of["frame"], &json!(0)),
-            "{of}"
-        );
-
-        // The bytes are the same: the depth is copied as bits, and not calculated again.
-        let (shown, layer) = (client.png("left", "color").unwrap(), client.layer("left", "depth").unwrap());
-        assert!(color.iter().map(|p| [p[0], p[1], p[2]]).eq(shown.pixels().map(|p| p.0)));
-        assert!(color.iter().all(|p| p[3] == 255));
-        assert!(depth.iter().map(|z| z.to_bits()).eq(layer.values.iter().map(|z| z.to_bits())));
-        assert!(depth.contains(&1.0) && depth.iter().any(|z| *z < 1.0), "something is hit, and something missed");
-        pictures.push(color);
     }
-    assert!(pictures[0] != pictures[1] && pictures[1] != pictures[2]);
-    assert!(import.child.wait().unwrap().success());
+    for (_, mut import, pictures) in imports {
+        assert!(pictures[0] != pictures[1] && pictures[1] != pictures[2]);
+        assert!(import.child.wait().unwrap().success());
+    }
     comes("its leave", || screen(&mut client)["readers"] == 0);
     ends_well(daemon);
 }
@@ -203,7 +215,7 @@ fn who_dies_gives_everything_back() {
     let before = open_files(&daemon);
 
     // One in the middle of its work, by SIGKILL; others as fast as they can be, with all of their images.
-    let mut import = Import::start(&daemon, 9);
+    let mut import = Import::start(&daemon, "left", 9);
     import.picture(0);
     import.child.kill().unwrap();
     import.child.wait().unwrap();

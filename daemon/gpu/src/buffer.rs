@@ -7,7 +7,7 @@ use gpu_allocator::MemoryLocation;
 
 use crate::device::Device;
 use crate::error::GpuError;
-use crate::export::{self, Lent};
+use crate::external::{self, Lent};
 use crate::handle::{DeviceHandle, Limits};
 use crate::history::History;
 use crate::memory::Memory;
@@ -217,7 +217,7 @@ impl Buffer {
         let kind = BufferKind::Storage;
         let raw_bytes = bytes.checked_next_multiple_of(4).ok_or_else(|| GpuError::misuse(name, "too many bytes"))?;
         kind.check(name, bytes, raw_bytes, &device.limits)?;
-        let alone = export::is_exportable(device, name, kind.usage(), handle)?;
+        let alone = external::is_exportable(device, name, kind.usage(), handle)?;
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle);
         let info = vk::BufferCreateInfo::default().size(raw_bytes).usage(kind.usage()).push_next(&mut external);
         // SAFETY: size and usage are valid, and the device exports such buffers; the new object is named before anyone else has
@@ -243,7 +243,7 @@ impl Buffer {
             bytes,
         };
         // SAFETY: the buffer was just created, for this handle.
-        let (memory, memory_bytes, memory_type) = unsafe { export::memory_for(device, name, raw, handle, alone)? };
+        let (memory, memory_bytes, memory_type) = unsafe { external::memory_for(device, name, raw, handle, alone)? };
         // SAFETY: the buffer has no memory yet; the memory suits its requirements, and `buffer` drops the buffer before it.
         let object = unsafe {
             let (object, offset) = memory.place();

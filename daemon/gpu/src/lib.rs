@@ -30,6 +30,7 @@ mod display;
 mod encoder;
 mod error;
 mod export;
+mod external;
 mod families;
 mod features;
 mod format;

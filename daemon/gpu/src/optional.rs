@@ -4,7 +4,6 @@ use std::ffi::CStr;
 
 use ash::{ext, khr, nv, vk};
 
-use crate::export;
 use crate::instance::Instance;
 
 /// Which of them a device has, with the features behind them.
@@ -43,7 +42,7 @@ impl Optional {
         let exports = Optional {
             memory_fd,
             dma_buf: memory_fd && has(ext::external_memory_dma_buf::NAME),
-            timeline_fd: has(khr::external_semaphore_fd::NAME) && export::exports_timelines(instance, device),
+            timeline_fd: has(khr::external_semaphore_fd::NAME) && exports_timelines(instance, device),
             ..Optional::default()
         };
         let swapchain = instance.has(khr::surface::NAME) && has(khr::swapchain::NAME);
@@ -110,4 +109,18 @@ impl Optional {
             present_barrier: vk::PhysicalDevicePresentBarrierFeaturesNV::default().present_barrier(true),
         }
     }
+}
+
+/// How timelines are exported.
+pub(crate) const TIMELINE_HANDLE: vk::ExternalSemaphoreHandleTypeFlags =
+    vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD;
+
+/// Whether a device exports timelines as descriptors.
+fn exports_timelines(instance: &Instance, device: vk::PhysicalDevice) -> bool {
+    let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+    let info = vk::PhysicalDeviceExternalSemaphoreInfo::default().handle_type(TIMELINE_HANDLE).push_next(&mut kind);
+    let mut properties = vk::ExternalSemaphoreProperties::default();
+    // SAFETY: the device is one that this instance listed, and speaks 1.3.
+    unsafe { instance.raw().get_physical_device_external_semaphore_properties(device, &info, &mut properties) };
+    properties.external_semaphore_features.contains(vk::ExternalSemaphoreFeatureFlags::EXPORTABLE)
 }

@@ -120,6 +120,11 @@ fn of_projectors(page: &mut Page, status: &Status) {
     let help = "Frames that came too late to be shown";
     let missed = all(&|labels, p| vec![sample(labels, p.missed as f64)]);
     page.family("lantern_projector_missed_frames_total", Kind::Counter, help, missed);
+    let readers = all(&|l, p| p.screen.readers.map(|n| sample(l, n as f64)).into_iter().collect());
+    page.family("lantern_projector_readers", Kind::Gauge, "Clients that import the pictures", readers);
+    let help = "Pictures that a client missed because it held all of its images";
+    let missed = all(&|l, p| p.screen.readers_missed.map(|n| sample(l, n as f64)).into_iter().collect());
+    page.family("lantern_projector_readers_missed_pictures_total", Kind::Counter, help, missed);
     type Told = fn(&ProjectorStatus) -> f64;
     let gauges: [(&str, &str, Told); 12] = [
         ("width_pixels", "Columns of the image", |p| p.resolution_px[0].into()),
@@ -293,6 +298,8 @@ mod tests {
                 place: ":0".to_owned(),
                 pixels: "8-bit".to_owned(),
                 refresh_hz: n.real(),
+                readers: Some(n.count()),
+                readers_missed: Some(n.count()),
             },
             coarse: true,
             frames: n.count(),
