@@ -39,7 +39,11 @@ impl Hears {
 }
 
 /// Waits for something, and writes what the client hears of meanwhile.
-pub(super) async fn beside_events<T>(stream: &UnixStream, hears: &Hears, awaited: impl Future<Output = T>) -> io::Result<T> {
+pub(super) async fn beside_events<T>(
+    stream: &UnixStream,
+    hears: &Hears,
+    awaited: impl Future<Output = T>,
+) -> io::Result<T> {
     let mut awaited = pin!(awaited);
     loop {
         let event = tokio::select! {
