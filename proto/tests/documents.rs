@@ -3,8 +3,8 @@
 
 use lantern_proto::request::SceneApply;
 use lantern_proto::{
-    Applied, Edit, Event, EventKind, Hello, Op, Outcome, PosePacket, Reloaded, Reply, SceneGet, SnapshotHead, Status,
-    Subscribed, parse_line_with,
+    Applied, Edit, Event, EventKind, ExportOpened, Hello, Op, Outcome, PosePacket, Reloaded, Reply, SceneGet,
+    SnapshotHead, Status, Subscribed, parse_line_with,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -59,7 +59,8 @@ fn requests_are_requests_and_replies_are_theirs() {
                 Op::Snapshot(_) => is_exactly::<SnapshotHead>(ok),
                 Op::ConfigReload => is_exactly::<Reloaded>(ok),
                 Op::Subscribe(_) => is_exactly::<Subscribed>(ok),
-                Op::Pose(_) | Op::Pattern(_) => assert_eq!(ok, &serde_json::json!({})),
+                Op::ExportOpen(_) => is_exactly::<ExportOpened>(ok),
+                Op::Pose(_) | Op::Pattern(_) | Op::ExportRelease(_) => assert_eq!(ok, &serde_json::json!({})),
             }
         }
     }
@@ -69,7 +70,7 @@ fn requests_are_requests_and_replies_are_theirs() {
 #[test]
 fn edits_and_status_are_what_they_say() {
     let count = |wanted| blocks().iter().filter(|(fence, _)| *fence == wanted).count();
-    assert_eq!((count("json edits"), count("json status"), count("json event")), (2, 1, 5));
+    assert_eq!((count("json edits"), count("json status"), count("json event")), (2, 1, 7));
     for (fence, text) in blocks() {
         match fence {
             "json edits" => drop(serde_json::from_str::<Vec<Edit>>(text).unwrap()),

@@ -430,7 +430,7 @@ impl Renderer {
         }
     }
 
-    /// Writes what a projector shows, and its depth, to a buffer that lies as [`ExportLayout`] says: what the last frame made of
+    /// Writes what a projector shows, and its depth, to a buffer that lies as [`crate::ExportLayout`] says: what the last frame made of
     /// it, whole. False where there was none yet, or where the buffer is for other columns or rows; then nothing is recorded.
     ///
     /// # Errors
