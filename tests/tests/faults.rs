@@ -13,7 +13,8 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
     sync::Arc,
-    time::Duration,
+    thread,
+    time::{Duration, Instant},
 };
 
 use lantern_tests::{
@@ -113,8 +114,30 @@ fn pattern(bench: &mut Bench, name: &str) -> Result<Value, Refused> {
     bench.client.ask("pattern", json!({"name": name})).unwrap()
 }
 
+/// The room, where others may import the left projector's pictures.
+fn room() -> String {
+    lab::room().replacen("{ kind = \"headless\" }", "{ kind = \"export\" }", 1)
+}
+
+/// Takes one picture as its memory; the output that a fault may have closed is waited for.
+fn export(bench: &mut Bench) -> Result<Value, Refused> {
+    let started = Instant::now();
+    while bench.client.status().unwrap()["projectors"]["left"]["screen"]["state"] != "shown" {
+        assert!(started.elapsed() < SOON, "the output does not come back");
+        thread::sleep(Duration::from_millis(20));
+    }
+    let mut reader = bench.daemon.client().unwrap();
+    let opened = reader.ask("export.open", json!({"projector": "left"})).unwrap();
+    if opened.is_ok() {
+        // Whatever fails, it is told of a picture or of the end.
+        let event = reader.line().unwrap().unwrap();
+        assert!(["export", "export_end"].contains(&event["event"].as_str().unwrap()), "{event}");
+    }
+    opened
+}
+
 fn reload(bench: &mut Bench, samples: u32) -> Result<Value, Refused> {
-    let config = lab::room().replace("samples = 1", &format!("samples = {samples}"));
+    let config = room().replace("samples = 1", &format!("samples = {samples}"));
     fs::write(bench.daemon.folder().path().join("lantern.toml"), config).unwrap();
     bench.client.ask("config.reload", json!({})).unwrap()
 }
@@ -122,7 +145,7 @@ fn reload(bench: &mut Bench, samples: u32) -> Result<Value, Refused> {
 const POT: &str = "lantern:teapot";
 
 /// Everything that makes the daemon talk to its device.
-const OPERATIONS: [Operation; 7] = [
+const OPERATIONS: [Operation; 8] = [
     Operation {
         name: "an edit that moves a node",
         there: |bench| apply(bench, json!([{"set": {"node": "ball", "translation_m": [0.3, 0.4, 0]}}])),
@@ -148,6 +171,7 @@ const OPERATIONS: [Operation; 7] = [
         back: |_| Ok(json!({})),
         is_slow: false,
     },
+    Operation { name: "an export", there: export, back: |_| Ok(json!({})), is_slow: false },
     Operation {
         name: "an edit that wants other pipelines",
         there: |bench| apply(bench, json!([{"material": {"name": "ball/sphere", "transmission": 1, "roughness": 0}}])),
@@ -188,7 +212,7 @@ fn assert_in_words(refused: &Refused, of: &str) {
 
 #[test]
 fn whatever_fails_is_refused_or_recovered_from() {
-    let mut bench = Bench::new(&lab::room());
+    let mut bench = Bench::new(&room());
     let mut called = bench.faults.clear().unwrap();
     assert_eq!(called.strangers, Vec::<String>::new(), "extensions or calls that the layer does not know");
     let base = bench.pictures();
@@ -253,11 +277,12 @@ fn whatever_fails_is_refused_or_recovered_from() {
 }
 
 /// Calls of `daemon/gpu` that the walk does not make, and why.
-const NOT_CALLED_HERE: [(&str, &str); 24] = [
+const NOT_CALLED_HERE: [(&str, &str); 25] = [
     ("vkSignalSemaphore", "where a submission was refused; the walk fails those, and then it is called"),
     ("vkCreateAccelerationStructureKHR", "the software driver has no ray queries"),
     ("vkGetPipelineCacheData", "at the end, which another test fails"),
     ("vkCreateWaylandSurfaceKHR", "of windows: as for those of X11"),
+    ("vkGetSemaphoreFdKHR", "the software driver exports no timelines"),
     ("vkWaitForPresentKHR", "the software driver has no VK_KHR_present_wait"),
     ("vkGetPhysicalDeviceSurfaceCapabilities2EXT", "another extension's, of nearly the same name"),
     ("vkGetPhysicalDeviceSurfaceCapabilities2KHR", "the software driver has no VK_NV_present_barrier"),
@@ -332,9 +357,9 @@ fn the_end_comes_while_the_device_cannot_be_had() {
     bench.faults.arm(&Fault::from_then_on("vkQueueSubmit2", 1, LOST)).unwrap();
     let mut other = bench.daemon.client().unwrap();
     let edits = json!({"edits": [lab::mirror()], "durable": false});
-    let waiting = std::thread::spawn(move || other.ask("scene.apply", edits));
+    let waiting = thread::spawn(move || other.ask("scene.apply", edits));
     while bench.faults.report().unwrap().fired < 3 {
-        std::thread::sleep(Duration::from_millis(5));
+        thread::sleep(Duration::from_millis(5));
     }
     bench.daemon.signal(Signal::TERM).unwrap();
     assert_eq!(bench.daemon.wait(SOON).unwrap().code(), Some(0), "{}", bench.daemon.log());
@@ -388,10 +413,9 @@ fn a_revision_over_which_the_device_is_lost_twice_is_refused() {
     // The second submission is that of the same revision on the new device.
     bench.faults.arm(&Fault::from_then_on("vkQueueSubmit2", 1, LOST)).unwrap();
     let mut second = bench.daemon.client().unwrap();
-    let waiting =
-        std::thread::spawn(move || second.ask("scene.apply", json!({"edits": [lab::mirror()], "durable": false})));
+    let waiting = thread::spawn(move || second.ask("scene.apply", json!({"edits": [lab::mirror()], "durable": false})));
     while bench.faults.report().unwrap().fired < 2 {
-        std::thread::sleep(Duration::from_millis(5));
+        thread::sleep(Duration::from_millis(5));
     }
     bench.faults.clear().unwrap();
     let refused = waiting.join().unwrap().unwrap().unwrap_err();

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
-use lantern::control::{Engine, Events, Listener, Picture, Server};
+use lantern::control::{Door, Engine, Events, Listener, Picture, Rules, Server};
 use lantern::feed::Lent;
 use lantern_proto::status::TrackerStatus;
 use lantern_proto::{
@@ -110,8 +110,9 @@ fn served() -> &'static Served {
         let runtime = runtime.expect("the fuzzer's threads");
         let base = scene::editor();
         let desk = Arc::new(Desk { editor: Mutex::new(base.clone()), events: Arc::default() });
-        let listener = Listener::bind(&path).expect("the fuzzer's own socket");
-        let server = Server::start(runtime.handle(), listener, desk.clone(), 16).expect("the fuzzer's own server");
+        let rules = Rules::new(Door::open(), 16, u32::MAX);
+        let listener = Listener::bind(&path, rules.door.gid()).expect("the fuzzer's own socket");
+        let server = Server::start(runtime.handle(), listener, desk.clone(), rules).expect("the fuzzer's own server");
         Served { desk, base, path, _server: server, _runtime: runtime }
     })
 }
