@@ -39,3 +39,16 @@ fn a_pattern_stands_in_for_the_scene_until_it_is_off() {
     client.ask_ok("pattern", json!({"name": "off"})).unwrap();
     assert!(client.png("left", "color").unwrap() == left && client.png("right", "color").unwrap() == right);
 }
+
+#[test]
+fn a_pattern_stays_when_the_configuration_renders_otherwise() {
+    let daemon = Daemon::start(&lab::room()).unwrap();
+    let mut client = daemon.client().unwrap();
+    client.ask_ok("pattern", json!({"name": "white", "projector": "left"})).unwrap();
+    let right = client.png("right", "color").unwrap();
+    let config = lab::room().replace("samples = 1", "samples = 4");
+    std::fs::write(daemon.folder().path().join("lantern.toml"), config).unwrap();
+    client.ask_ok("config.reload", json!({})).unwrap();
+    assert!(client.png("right", "color").unwrap() != right, "it renders as before");
+    assert!(client.png("left", "color").unwrap().pixels().all(|p| p.0 == [255; 3]), "the pattern has gone");
+}

@@ -5,7 +5,7 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::vk;
 
@@ -19,14 +19,16 @@ const HEADER_BYTES: usize = 8 + 16 + 8 + 8;
 /// A longer file is none of ours.
 const MAX_BYTES: u64 = 256 << 20;
 
-/// Compiled pipelines, read when the device is opened and written when it is closed.
+/// Compiled pipelines, read when the device is opened, and written when it is closed or its user says so.
 pub(crate) struct PipelineCache {
     raw: vk::PipelineCache,
     device: Arc<DeviceHandle>,
     key: [u8; 16],
     path: Option<PathBuf>,
-    /// What the file holds.
-    saved: Vec<u8>,
+    /// What the file held at first.
+    loaded_bytes: usize,
+    /// What it holds.
+    saved: Mutex<Vec<u8>>,
 }
 
 impl PipelineCache {
@@ -48,7 +50,8 @@ impl PipelineCache {
         let raw = create(&saved)
             .or_else(|_| create(&[]))
             .map_err(|result| GpuError::vulkan("creating the pipeline cache", result))?;
-        Ok(PipelineCache { raw, device: Arc::clone(device), key, path, saved })
+        let loaded_bytes = saved.len();
+        Ok(PipelineCache { raw, device: Arc::clone(device), key, path, loaded_bytes, saved: Mutex::new(saved) })
     }
 
     pub(crate) fn raw(&self) -> vk::PipelineCache {
@@ -57,18 +60,22 @@ impl PipelineCache {
 
     /// Bytes that were read from disk.
     pub(crate) fn loaded_bytes(&self) -> usize {
-        self.saved.len()
+        self.loaded_bytes
     }
 
-    fn save(&self) {
+    /// Writes what has been compiled, if that is more than the file has. What cannot be written is compiled again another time.
+    pub(crate) fn save(&self) {
         let Some(path) = &self.path else { return };
         // SAFETY: the cache lives.
         let Ok(data) = (unsafe { self.device.raw.get_pipeline_cache_data(self.raw) }) else { return };
-        if data == self.saved {
+        // Bytes are never half replaced.
+        let mut saved = self.saved.lock().unwrap_or_else(PoisonError::into_inner);
+        if data == *saved {
             return;
         }
-        if let Err(error) = write(path, &self.key, &data) {
-            tracing::warn!(path = %path.display(), %error, "the pipeline cache could not be written");
+        match write(path, &self.key, &data) {
+            Ok(()) => *saved = data,
+            Err(error) => tracing::warn!(path = %path.display(), %error, "the pipeline cache could not be written"),
         }
     }
 }

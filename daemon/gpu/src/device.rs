@@ -162,6 +162,12 @@ impl Device {
         *self.work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Writes the pipelines that were compiled so far to the folder of the cache, so that a process that is killed need not have compiled
+    /// them for nothing. They are written at the end in any case.
+    pub fn keep_pipelines(&self) {
+        self.cache.save();
+    }
+
     /// Bytes of compiled pipelines that were read from disk when the device was opened.
     pub fn cache_loaded_bytes(&self) -> usize {
         self.cache.loaded_bytes()

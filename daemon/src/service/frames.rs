@@ -235,6 +235,8 @@ impl FrameThread {
             if !is_ready && self.screens.are_ready(opened.elapsed()).map_err(FrameError::NoOutput)? {
                 is_ready = true;
                 let _ = first.try_send(Ok(()));
+                // The next start has them, however this one ends.
+                self.device.keep_pipelines();
             }
             if self.frames.is_some_and(|n| self.links.stats.fewest_frames() >= n) {
                 return Ok(());

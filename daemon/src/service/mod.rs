@@ -25,7 +25,8 @@
 //! - [`panics`]: the end of a process that has a fault;
 //! - [`state`]: the scene across restarts;
 //! - [`systemd`]: what the service manager hears, and hands over;
-//! - [`vulkan`]: the instance and the device.
+//! - [`vulkan`]: the instance and the device;
+//! - [`wanted`]: what a renderer is to show that stands in for another.
 
 pub mod background;
 pub mod carried;
@@ -54,3 +55,4 @@ pub mod state;
 pub mod stats;
 pub mod systemd;
 pub mod vulkan;
+pub mod wanted;

@@ -8,8 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use lantern_gpu::Device;
-use lantern_render::{Pattern, ProjectorSpec, RenderError, Renderer, Settings};
-use lantern_scene::Scene;
+use lantern_render::{RenderError, Renderer};
 
 use super::frames::{FrameError, FrameThread};
 use super::refusal::Refusal;
@@ -44,28 +43,6 @@ impl Attempts {
     }
 }
 
-/// What a renderer is to show, whichever device it is on.
-struct Wanted {
-    projectors: Vec<ProjectorSpec>,
-    patterns: Vec<(String, Pattern)>,
-    settings: Settings,
-    prepared: Vec<Arc<Scene>>,
-}
-
-impl Wanted {
-    /// A renderer on a device that shows a scene.
-    fn on(&self, device: &Arc<Device>, scene: &Arc<Scene>) -> Result<Renderer, RenderError> {
-        let mut renderer = Renderer::new(device, self.projectors.clone(), self.settings, scene.clone())?;
-        for (at, projector) in self.projectors.iter().enumerate() {
-            if let Some((_, pattern)) = self.patterns.iter().find(|(name, _)| *name == projector.name) {
-                renderer.set_pattern(at, *pattern)?;
-            }
-        }
-        renderer.prepare(self.prepared.clone())?;
-        Ok(renderer)
-    }
-}
-
 impl FrameThread {
     /// Shows what was shown before `loss` on a device that is opened anew; `None` where it is told to stop meanwhile.
     ///
@@ -75,13 +52,8 @@ impl FrameThread {
         tracing::error!("{loss}; nothing is shown until the device is open again");
         self.links.hardware.lost();
         let began = Instant::now();
-        let name = |p: &ProjectorSpec| p.name.clone();
-        let wanted = Wanted {
-            projectors: self.carried.at(self.sight.carrying(began)),
-            patterns: self.renderer.projectors().map(name).zip(self.renderer.patterns()).collect(),
-            settings: *self.renderer.settings(),
-            prepared: self.prepared.iter().map(|prepared| prepared.scene.clone()).collect(),
-        };
+        let projectors = self.carried.at(self.sight.carrying(began));
+        let wanted = self.wanted(projectors, *self.renderer.settings());
         let newest = self.links.shared.newest();
         let mut scene = if self.refused == Some(newest.revision) { self.shown.clone() } else { newest.clone() };
 

@@ -5,7 +5,7 @@ use std::sync::mpsc::SyncSender;
 use std::time::Instant;
 
 use lantern_gpu::GpuError;
-use lantern_render::{Pattern, ProjectorSpec, RenderError, Renderer};
+use lantern_render::{Pattern, ProjectorSpec, RenderError};
 use lantern_scene::Scene;
 
 use super::carried::Carried;
@@ -108,10 +108,8 @@ impl FrameThread {
             }
             taken?
         } else {
-            let mut renderer = Renderer::new(&self.device, projectors, setup.settings, setup.scene)?;
+            let mut renderer = self.wanted(projectors, setup.settings).on(&self.device, &setup.scene)?;
             let frame = self.sight.render(&mut renderer, began)?;
-            // What was brought to the device for others goes with the old one.
-            renderer.prepare(self.prepared.iter().map(|prepared| prepared.scene.clone()).collect())?;
             self.renderer = renderer;
             frame
         };
