@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use ::image::{ImageFormat, RgbImage};
 use anyhow::{Context, Result, bail, ensure};
+use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
 
 /// No desktop on this machine takes longer to come up, or to show what it was given, even beside other tests.
@@ -27,6 +28,10 @@ impl Server {
         // It may have ended by itself.
         let _ = self.0.kill();
         let _ = self.0.wait();
+    }
+
+    fn signal(&self, signal: Signal) -> Result<()> {
+        kill_process(Pid::from_child(&self.0), signal).context("sending a desktop a signal")
     }
 }
 
@@ -49,6 +54,12 @@ pub trait Desktop {
 
     /// Ends it at once, as a crash would.
     fn crash(&mut self);
+
+    /// Sends its server a signal.
+    ///
+    /// # Errors
+    /// Where it has gone.
+    fn signal(&self, signal: Signal) -> Result<()>;
 
     /// Waits until it shows just this.
     ///
@@ -133,6 +144,10 @@ impl Desktop for Xvfb {
     fn crash(&mut self) {
         self.server.kill();
     }
+
+    fn signal(&self, signal: Signal) -> Result<()> {
+        self.server.signal(signal)
+    }
 }
 
 /// A picture of Netpbm's binary kind, eight bits a channel.
@@ -199,5 +214,9 @@ impl Desktop for Weston {
 
     fn crash(&mut self) {
         self.server.kill();
+    }
+
+    fn signal(&self, signal: Signal) -> Result<()> {
+        self.server.signal(signal)
     }
 }

@@ -124,6 +124,8 @@ fn environment(folder: &Path, armed: Option<&Fault>) -> Result<Vec<(&'static str
         ("VK_LAYER_PATH", format!("{}:{SYSTEM_LAYERS}", folder.display())),
         ("VK_INSTANCE_LAYERS", LAYER.to_owned()),
         (SOCKET_VARIABLE, socket.display().to_string()),
+        // A layer of Mesa's that stands above this one reads what a failed call has not written.
+        ("NODEVICE_SELECT", "1".to_owned()),
     ];
     variables.extend(armed.map(|fault| (ARM_VARIABLE, fault.words())));
     Ok(variables)

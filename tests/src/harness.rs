@@ -191,6 +191,16 @@ impl Daemon {
         self.child.id()
     }
 
+    /// How many of its threads have this name, of which the system keeps fifteen letters.
+    ///
+    /// # Errors
+    /// Where it has gone.
+    pub fn threads_named(&self, name: &str) -> Result<usize> {
+        let threads = std::fs::read_dir(format!("/proc/{}/task", self.pid())).context("listing its threads")?;
+        let names = threads.flatten().filter_map(|thread| std::fs::read_to_string(thread.path().join("comm")).ok());
+        Ok(names.filter(|comm| comm.trim_end() == name).count())
+    }
+
     /// All that it has written so far.
     pub fn log(&self) -> String {
         self.log.lock().unwrap_or_else(PoisonError::into_inner).clone()

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use lantern_tests::client::Client;
 use lantern_tests::desktops::{Desktop, Xvfb};
 use lantern_tests::faults::{
-    self, Failure, Fault, Faults, LOST, NO_DEVICE_MEMORY, NO_HOST_MEMORY, NO_SURFACE, OUTDATED,
+    self, Failure, Fault, Faults, HUNG, LOST, NO_DEVICE_MEMORY, NO_HOST_MEMORY, NO_SURFACE, OUTDATED,
 };
 use lantern_tests::harness::Daemon;
 use lantern_tests::lab;
@@ -55,6 +55,44 @@ fn shows(client: &mut Client, x11: &Xvfb, of: &str) {
     }
     let picture = client.png("left", "color").unwrap();
     x11.shows(&picture).unwrap_or_else(|error| panic!("{of}: {error}"));
+}
+
+#[test]
+fn a_device_that_hangs_leaves_no_window_behind_and_one_that_is_lost_waits_for_its_outputs() {
+    let mut x11 = Xvfb::start(lab::SIZE_PX.to_array()).unwrap();
+    let folder = Arc::new(tempfile::tempdir().unwrap());
+    // One projector, in a window: without that there is nothing to show anything on.
+    let window = format!("{{ kind = \"window\", server = \"{}\" }}", x11.server());
+    let left = lab::stand(-1.0).toml("left").replace("{ kind = \"headless\" }", &window);
+    let config = [lab::RENDER, lab::SCENE, lab::TRACKED, &left].join("\n");
+    let mut daemon: Daemon = faults::start(&folder, &config, None).unwrap().unwrap();
+    let mut faults = Faults::connect(folder.path()).unwrap();
+    let mut client = daemon.client().unwrap();
+    shows(&mut client, &x11, "at the start");
+
+    faults.arm(&Fault::once("vkWaitSemaphores", 1, HUNG)).unwrap();
+    let edits = json!({"edits": [{"set": {"node": "ball", "translation_m": [0.1, 0.4, 0]}}], "durable": false});
+    let _refused_perhaps = client.ask("scene.apply", edits).unwrap();
+    faults.clear().unwrap();
+    assert_eq!(client.status().unwrap()["device"]["lost"], 1);
+    shows(&mut client, &x11, "after it hung");
+    let started = Instant::now();
+    while daemon.threads_named("window left").unwrap() != 1 {
+        assert!(started.elapsed() < LIMIT, "the window before stays");
+        thread::sleep(Duration::from_millis(50));
+    }
+
+    // A start waits ten seconds for outputs, and fails where none comes. This is none.
+    x11.crash();
+    faults.arm(&Fault::once("vkQueueSubmit2", 1, LOST)).unwrap();
+    let edits = json!({"edits": [{"set": {"node": "ball", "translation_m": [0.2, 0.4, 0]}}], "durable": false});
+    let _refused_perhaps = client.ask("scene.apply", edits).unwrap();
+    assert!(faults.clear().unwrap().fired > 0);
+    thread::sleep(Duration::from_secs(12));
+    assert_eq!(client.status().unwrap()["device"]["lost"], 2);
+    x11.restart().unwrap();
+    shows(&mut client, &x11, "after it was lost");
+    assert!(daemon.stop().unwrap().success());
 }
 
 #[test]

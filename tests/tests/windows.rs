@@ -9,6 +9,7 @@ use lantern_tests::client::Client;
 use lantern_tests::desktops::{Desktop, Weston, Xvfb};
 use lantern_tests::harness::Daemon;
 use lantern_tests::lab;
+use rustix::process::Signal;
 use serde_json::{Value, json};
 
 /// No output takes longer to be seen to come or to go, even beside other tests.
@@ -120,6 +121,57 @@ fn a_lost_output_comes_back_while_the_others_go_on() {
 }
 
 #[test]
+fn frames_go_on_as_before_when_an_output_comes_back_while_something_moves() {
+    let size_px = lab::SIZE_PX.to_array();
+    let mut x11 = Xvfb::start(size_px).unwrap();
+    let left = format!("{{ kind = \"window\", server = \"{}\", refresh_hz = 20 }}", x11.server());
+    let daemon = Daemon::start(&room(&left, "{ kind = \"headless\", refresh_hz = 20 }")).unwrap();
+    let mut client = daemon.client().unwrap();
+    // Moves the eye for so long, or until an output is there: frames meanwhile.
+    let walk = |client: &mut Client, time: Duration, shown: bool| {
+        let frames = |client: &mut Client| client.status().unwrap()["projectors"]["right"]["frames"].as_u64().unwrap();
+        let (before, started) = (frames(client), Instant::now());
+        while started.elapsed() < time && !(shown && screen(client, "left")["state"] == "shown") {
+            client.pose("head", [0.5 + started.elapsed().as_secs_f64() % 1.0, 1.6, 2.5]).unwrap();
+            thread::sleep(Duration::from_millis(10));
+        }
+        frames(client) - before
+    };
+    becomes(&mut client, "left", "shown");
+    client.apply(json!([lab::mirror()])).unwrap();
+    walk(&mut client, Duration::from_secs(5), false);
+    x11.crash();
+    assert!(walk(&mut client, Duration::from_secs(2), false) > 4, "they stop where it goes");
+    x11.restart().unwrap();
+    walk(&mut client, LIMIT, true);
+    assert_eq!(screen(&mut client, "left")["state"], "shown");
+    // Of some forty; a clock that starts again would have to run for seven seconds before the next.
+    assert!(walk(&mut client, Duration::from_secs(2), false) > 4, "they stop where it comes back");
+    x11.shows(&client.png("left", "color").unwrap()).unwrap();
+    ends_well(daemon);
+}
+
+#[test]
+fn a_desktop_that_does_not_answer_holds_up_neither_the_start_nor_the_others() {
+    let size_px = lab::SIZE_PX.to_array();
+    let (x11, wayland) = (Xvfb::start(size_px).unwrap(), Weston::start(size_px).unwrap());
+    for (desktop, fullscreen) in [(&x11 as &dyn Desktop, false), (&wayland, true)] {
+        desktop.signal(Signal::STOP).unwrap();
+        let left = format!("{{ kind = \"window\", server = \"{}\", fullscreen = {fullscreen} }}", desktop.server());
+        let daemon = Daemon::start(&room(&left, "{ kind = \"headless\" }")).unwrap();
+        let mut client = daemon.client().unwrap();
+        let lost = becomes(&mut client, "left", "lost");
+        assert!(lost["detail"].as_str().unwrap().contains("does not answer"), "{lost}");
+        client.apply(json!([lab::mirror()])).unwrap();
+        // It is still waited for.
+        desktop.signal(Signal::CONT).unwrap();
+        becomes(&mut client, "left", "shown");
+        desktop.shows(&client.png("left", "color").unwrap()).unwrap();
+        ends_well(daemon);
+    }
+}
+
+#[test]
 fn where_the_pixels_are_not_those_of_the_calibration_it_stays_dark() {
     let [columns, rows] = lab::SIZE_PX.to_array();
     let x11 = Xvfb::start([columns + 32, rows + 16]).unwrap();
@@ -171,11 +223,12 @@ fn a_reload_takes_other_outputs_and_keeps_those_that_stay() {
     // A monitor that is not there is lost, and says which there are; the other output is not touched.
     let absent = format!("{{ kind = \"window\", server = \"{}\", fullscreen = \"HDMI-9\" }}", second.server());
     reload(&mut client, &room(&on(&first), &absent));
-    let lost = becomes(&mut client, "right", "lost");
-    assert!(
-        lost["detail"].as_str().unwrap().contains("there is no monitor \"HDMI-9\"; hint: there are screen"),
-        "{lost}"
-    );
+    let started = Instant::now();
+    let words = "there is no monitor \"HDMI-9\"; hint: there are screen";
+    while !becomes(&mut client, "right", "lost")["detail"].as_str().unwrap().contains(words) {
+        assert!(started.elapsed() < LIMIT, "{words} is not said");
+        thread::sleep(Duration::from_millis(50));
+    }
     first.shows(&client.png("left", "color").unwrap()).unwrap();
 
     reload(&mut client, &room(&on(&first), &on(&second)));

@@ -25,18 +25,23 @@ impl Clock {
     }
 
     /// Refreshes since the start.
-    pub fn refreshes(&self, now: Instant) -> u64 {
+    fn refreshes(&self, now: Instant) -> u64 {
         (now.saturating_duration_since(self.start).as_secs_f64() / self.period.as_secs_f64()) as u64
-    }
-
-    /// When a refresh is, counted from the start.
-    pub fn at(&self, refresh: u64) -> Instant {
-        self.start + self.period.mul_f64(refresh as f64)
     }
 
     /// When the refresh after `now` is due.
     pub fn next_refresh(&self, now: Instant) -> Instant {
-        self.at(self.refreshes(now) + 1)
+        self.start + self.period.mul_f64((self.refreshes(now) + 1) as f64)
+    }
+
+    /// At how many refreshes from `due` on, itself one of them, what came at `completed` was not there yet. That the clock may have been
+    /// moved a little meanwhile, or be another one, does no harm.
+    pub fn missed(&self, due: Instant, completed: Instant) -> u64 {
+        if completed <= due {
+            return 0;
+        }
+        let reached = self.next_refresh(completed);
+        (reached.saturating_duration_since(due).as_secs_f64() / self.period.as_secs_f64()).round() as u64
     }
 
     /// An image was seen to be shown at `shown`: the clock's nearest tick moves toward it.
@@ -60,7 +65,17 @@ mod tests {
         assert_eq!(clock.refreshes(start + Duration::from_millis(19)), 0);
         assert_eq!(clock.refreshes(start + Duration::from_millis(41)), 2);
         assert_eq!(clock.next_refresh(start + Duration::from_millis(41)), start + Duration::from_millis(60));
-        assert_eq!(clock.at(3), start + Duration::from_millis(60));
+    }
+
+    #[test]
+    fn what_comes_late_misses_the_refreshes_before_it() {
+        let (start, ms) = (Instant::now(), Duration::from_millis);
+        let clock = Clock::new(50.0, start);
+        let due = start + ms(40);
+        assert_eq!([25, 40, 41, 59, 61, 99].map(|at| clock.missed(due, start + ms(at))), [0, 0, 1, 1, 2, 3]);
+        // The clock has moved by a millisecond since that was planned.
+        let moved = Clock::new(50.0, start + ms(1));
+        assert_eq!([39, 42, 62].map(|at| moved.missed(due, start + ms(at))), [0, 1, 2]);
     }
 
     #[test]

@@ -103,7 +103,11 @@ pub trait Output: Send {
     /// Makes it black, before it is let go.
     fn black(&mut self);
 
-    /// Waits, until `until` at most, for the last picture to be there; when it was, where that can be known.
+    /// Takes it from sight without the device, which is lost or hangs and may keep all that it was given.
+    fn hide(&mut self) {}
+
+    /// Waits, until `until` at most, for the last picture to be there; when it was, where that can be known. Of one that was there
+    /// before anybody waited it cannot.
     fn wait_shown(&mut self, until: Instant) -> Option<Instant>;
 
     /// What it is.

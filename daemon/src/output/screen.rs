@@ -1,7 +1,7 @@
 //! Pictures on a surface: a swapchain, made anew whenever the surface changes.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use lantern_gpu::{Device, GpuError, Pixels, Shown, Surface, Swapchain, SwapchainDesc};
 use lantern_render::{Renderer, Target};
@@ -74,9 +74,13 @@ impl Screen {
         Ok(Showing::NotYet)
     }
 
-    /// Waits for the last picture to be there, until `until` at most.
+    /// Waits for the last picture to be there, until `until` at most; when it was. None also where it was there already: nobody knows since
+    /// when.
     pub(super) fn wait_shown(&mut self, until: Instant) -> Option<Instant> {
         let (id, chain) = (self.last_id.take()?, self.chain.as_ref()?);
+        if chain.wait_shown(id, Duration::ZERO) {
+            return None;
+        }
         chain.wait_shown(id, until.saturating_duration_since(Instant::now())).then(Instant::now)
     }
 

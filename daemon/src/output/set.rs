@@ -13,12 +13,19 @@ use lantern_render::Renderer;
 use super::display::DisplayOutput;
 use super::export::{ExportOutput, LendError};
 use super::headless::Headless;
-use super::window::WindowOutput;
+use super::window::{Opening, WindowOutput};
 use super::{Clock, Output, OutputError, Picture, Showing};
 use crate::feed::{Lent, Wake};
 
 /// How often outputs are looked at that may have gone, or may have come back.
 const LOOK: Duration = Duration::from_secs(1);
+
+/// How soon one is looked at again that has no room for a picture; and, once it has had none for `STUCK`, how soon then.
+const SOON: Duration = Duration::from_millis(4);
+const LATER: Duration = Duration::from_millis(50);
+
+/// A screen that takes no picture for so long shows none.
+const STUCK: Duration = Duration::from_secs(1);
 
 /// Where screens say no rate of their own, Hz.
 const USUAL_HZ: f64 = 60.0;
@@ -40,16 +47,25 @@ impl OutputSpec {
         self.output.kind != OutputKind::Headless
     }
 
-    fn open(&self, device: &Arc<Device>, queue: usize, wake: &Wake) -> Result<Box<dyn Output>, OutputError> {
+    /// Whether people see it.
+    fn shows(&self) -> bool {
+        matches!(self.output.kind, OutputKind::Window { .. } | OutputKind::Display { .. })
+    }
+
+    fn chain(&self, queue: usize) -> SwapchainDesc {
         let pixels = match self.output.pixels {
             lantern_config::Pixels::Bits8 => Pixels::Bits8,
             lantern_config::Pixels::Bits10 => Pixels::Bits10,
             lantern_config::Pixels::Hdr10 => Pixels::Hdr10,
         };
-        let chain = SwapchainDesc { pixels, white_nits: self.output.white_nits as f32, queue };
+        SwapchainDesc { pixels, white_nits: self.output.white_nits as f32, queue }
+    }
+
+    /// Opens it, or begins to.
+    fn open(&self, device: &Arc<Device>, queue: usize, wake: &Wake) -> Result<Opened, OutputError> {
         let name = self.projector.clone();
         Ok(match &self.output.kind {
-            OutputKind::Headless => Box::new(Headless),
+            OutputKind::Headless => Opened::Now(Box::new(Headless)),
             OutputKind::Window { server, fullscreen } => {
                 let placement = match fullscreen {
                     Fullscreen::No => Placement::Anywhere,
@@ -58,22 +74,35 @@ impl OutputSpec {
                 };
                 let (server, wake) = (server.clone(), wake.clone());
                 let desc = WindowDesc { name, size_px: self.size_px, placement, server, wake };
-                Box::new(WindowOutput::open(device, &desc, chain)?)
+                Opened::Later(Opening::start(desc)?)
             }
             OutputKind::Display { connector, edid } => {
                 let (connector, edid, refresh_hz) = (connector.clone(), edid.clone(), self.output.refresh_hz);
                 let desc = DisplayDesc { name, connector, edid, size_px: self.size_px, refresh_hz };
-                Box::new(DisplayOutput::open(device, &desc, chain)?)
+                Opened::Now(Box::new(DisplayOutput::open(device, &desc, self.chain(queue))?))
             }
-            OutputKind::Export => Box::new(ExportOutput::open(device, &name, self.size_px, queue, wake.clone())?),
+            OutputKind::Export => {
+                let (size_px, wake) = (self.size_px, wake.clone());
+                Opened::Now(Box::new(ExportOutput::open(device, &name, size_px, queue, wake)?))
+            }
         })
     }
+}
+
+/// An output that is there, or will be.
+enum Opened {
+    Now(Box<dyn Output>),
+    Later(Opening),
 }
 
 /// Whether an output is there.
 enum State {
     Up(Box<dyn Output>),
-    Lost { why: String },
+    /// And perhaps on its way.
+    Lost {
+        why: String,
+        opening: Option<Opening>,
+    },
 }
 
 /// A projector's output.
@@ -85,13 +114,15 @@ struct Slot {
     showing: Showing,
     /// It has yet to show what was rendered.
     behind: bool,
+    /// Since when it has had no room for a picture.
+    stuck: Option<Instant>,
 }
 
 impl Slot {
     fn closed(spec: OutputSpec, now: Instant) -> Self {
-        let state = State::Lost { why: "it was not opened yet".into() };
+        let state = State::Lost { why: "it was not opened yet".into(), opening: None };
         let clock = Clock::new(spec.output.refresh_hz.unwrap_or(USUAL_HZ), now);
-        Self { spec, state, clock, showing: Showing::NotYet, behind: true }
+        Self { spec, state, clock, showing: Showing::NotYet, behind: true, stuck: None }
     }
 
     fn refresh_hz(&self) -> f64 {
@@ -99,7 +130,16 @@ impl Slot {
             State::Up(output) => output.describe().refresh_hz,
             State::Lost { .. } => None,
         };
-        self.spec.output.refresh_hz.or_else(own).unwrap_or(USUAL_HZ)
+        // A display has the rate that its mode has; a desktop's word for a window is only a guess.
+        let wanted = self.spec.output.refresh_hz;
+        let is_display = matches!(self.spec.output.kind, OutputKind::Display { .. });
+        let hz = if is_display { own().or(wanted) } else { wanted.or_else(own) };
+        hz.unwrap_or(USUAL_HZ)
+    }
+
+    /// Whether it has had no room for a picture for long.
+    fn is_stuck(&self, now: Instant) -> bool {
+        self.stuck.is_some_and(|since| now.saturating_duration_since(since) > STUCK)
     }
 
     fn status(&self) -> OutputStatus {
@@ -108,7 +148,10 @@ impl Slot {
             State::Lost { .. } => Default::default(),
         };
         let (state, detail) = match (&self.state, self.showing) {
-            (State::Lost { why }, _) => (OutputState::Lost, Some(why.clone())),
+            (State::Lost { why, .. }, _) => (OutputState::Lost, Some(why.clone())),
+            (_, Showing::NotYet) if self.is_stuck(Instant::now()) => {
+                (OutputState::Hidden, Some("its screen takes no pictures".to_owned()))
+            }
             (_, Showing::Black) => (OutputState::Black, of.size_px.map(|px| self.misfit(px))),
             (_, Showing::Hidden) => (OutputState::Hidden, Some("its window has no pixels".to_owned())),
             (_, Showing::Shown | Showing::NotYet) => (OutputState::Shown, None),
@@ -138,13 +181,22 @@ pub struct Outputs {
     /// What has happened to them and was not told yet.
     events: Vec<OutputEvent>,
     next_look: Instant,
+    /// Whose last picture is waited for before the others'.
+    first_waited: usize,
 }
 
 impl Outputs {
     /// Opens those that can be; the others are tried again as long as they are wanted.
     pub fn open(device: &Arc<Device>, specs: Vec<OutputSpec>, wake: Wake) -> Self {
         let now = Instant::now();
-        let mut outputs = Self { device: device.clone(), wake, slots: Vec::new(), events: Vec::new(), next_look: now };
+        let mut outputs = Self {
+            device: device.clone(),
+            wake,
+            slots: Vec::new(),
+            events: Vec::new(),
+            next_look: now,
+            first_waited: 0,
+        };
         outputs.reconfigure(specs);
         outputs
     }
@@ -169,25 +221,59 @@ impl Outputs {
 
     fn try_open(&mut self, index: usize, now: Instant) {
         let slot = &mut self.slots[index];
-        match slot.spec.open(&self.device, index, &self.wake) {
-            Ok(output) => {
-                slot.state = State::Up(output);
-                (slot.behind, slot.showing) = (true, Showing::NotYet);
-                slot.clock = Clock::new(slot.refresh_hz(), now);
-                if slot.spec.may_be_lost() {
-                    let place = slot.status().place;
-                    tracing::info!(projector = slot.spec.projector, place, "output is there");
-                    self.tell(index);
+        let opened = match &slot.state {
+            // It is asked for already.
+            State::Lost { opening: Some(_), .. } => return,
+            _ => slot.spec.open(&self.device, index, &self.wake),
+        };
+        match (opened, &mut slot.state) {
+            (Ok(Opened::Now(output)), _) => self.came(index, output, now),
+            (Ok(Opened::Later(later)), State::Lost { opening, .. }) => *opening = Some(later),
+            (Ok(Opened::Later(later)), state) => *state = State::Lost { why: String::new(), opening: Some(later) },
+            (Err(error), _) => self.lose(index, &error),
+        }
+    }
+
+    /// Whether one that was asked for has come, or will not.
+    fn hear(&mut self, index: usize, now: Instant) {
+        let State::Lost { opening, .. } = &mut self.slots[index].state else { return };
+        let Some(asked) = opening else { return };
+        match asked.answer() {
+            Some(answer) => {
+                *opening = None;
+                let chain = self.slots[index].spec.chain(index);
+                match answer.and_then(|window| WindowOutput::in_window(&self.device, window, chain)) {
+                    Ok(output) => self.came(index, Box::new(output), now),
+                    Err(error) => self.lose(index, &error),
                 }
             }
-            Err(error) => self.lose(index, &error),
+            None => {
+                if let Some(complaint) = asked.complaint(now) {
+                    self.lose(index, &OutputError::Gone(complaint));
+                }
+            }
+        }
+    }
+
+    fn came(&mut self, index: usize, output: Box<dyn Output>, now: Instant) {
+        let slot = &mut self.slots[index];
+        slot.state = State::Up(output);
+        (slot.behind, slot.showing, slot.stuck) = (true, Showing::NotYet, None);
+        slot.clock = Clock::new(slot.refresh_hz(), now);
+        if slot.spec.may_be_lost() {
+            let place = slot.status().place;
+            tracing::info!(projector = slot.spec.projector, place, "output is there");
+            self.tell(index);
         }
     }
 
     fn lose(&mut self, index: usize, error: &OutputError) {
         let (slot, why) = (&mut self.slots[index], error.to_string());
-        let news = !matches!(&slot.state, State::Lost { why: before } if *before == why);
-        slot.state = State::Lost { why };
+        let (news, opening) = match &mut slot.state {
+            State::Lost { why: before, opening } => (*before != why, opening.take()),
+            State::Up(_) => (true, None),
+        };
+        slot.state = State::Lost { why, opening };
         if news {
             tracing::warn!(projector = slot.spec.projector, "output is lost: {error}");
             self.tell(index);
@@ -221,9 +307,11 @@ impl Outputs {
             if look && matches!(self.slots[index].state, State::Lost { .. }) {
                 self.try_open(index, now);
             }
+            self.hear(index, now);
             let slot = &mut self.slots[index];
             let State::Up(output) = &mut slot.state else { continue };
-            if let Some(why) = output.gone().filter(|_| look) {
+            let gone = if look { output.gone() } else { None };
+            if let Some(why) = gone {
                 self.lose(index, &OutputError::Gone(why));
                 continue;
             }
@@ -235,8 +323,11 @@ impl Outputs {
             match output.show(renderer, Picture { projector: index, frame, is_new }) {
                 Ok(showing) => {
                     slot.behind = showing == Showing::NotYet;
+                    let was_stuck = slot.is_stuck(now);
+                    slot.stuck = slot.behind.then(|| slot.stuck.unwrap_or(now));
                     let was = std::mem::replace(&mut slot.showing, showing);
-                    if slot.spec.may_be_lost() && was != showing && [was, showing].contains(&Showing::Black) {
+                    let changed = was != showing && [was, showing].contains(&Showing::Black);
+                    if slot.spec.may_be_lost() && (changed || slot.is_stuck(now) != was_stuck) {
                         self.tell(index);
                         if showing == Showing::Black && renderer.has_shown() {
                             let detail = self.slots[index].status().detail.unwrap_or_default();
@@ -264,7 +355,7 @@ impl Outputs {
         let slot = self.slots.iter_mut().find(|slot| slot.spec.projector == projector);
         match slot.map(|slot| &mut slot.state) {
             Some(State::Up(output)) => output.lend(handle),
-            Some(State::Lost { why }) => Err(LendError::Lost(why.clone())),
+            Some(State::Lost { why, .. }) => Err(LendError::Lost(why.clone())),
             None => Err(LendError::NoExport),
         }
     }
@@ -272,15 +363,19 @@ impl Outputs {
     /// When they want to be looked after next, though nothing is rendered: soon where one is behind, now and then where one may
     /// have come or gone, and never where all are headless.
     pub fn next_look(&self, now: Instant) -> Option<Instant> {
-        if self.slots.iter().any(|slot| slot.behind && matches!(slot.state, State::Up(_))) {
-            return Some(now + Duration::from_millis(4));
-        }
-        self.slots.iter().any(|slot| slot.spec.may_be_lost()).then_some(self.next_look)
+        let waits = self.slots.iter().filter(|slot| slot.behind && matches!(slot.state, State::Up(_)));
+        let soonest = waits.map(|slot| if slot.is_stuck(now) { LATER } else { SOON }).min();
+        let look = self.slots.iter().any(|slot| slot.spec.may_be_lost()).then_some(self.next_look);
+        soonest.map(|soon| now + soon).into_iter().chain(look).min()
     }
 
-    /// Lets go of all of them without a word: their device is lost, and shows nothing any more.
+    /// Lets go of all of them, and takes them from sight: their device is lost, and shows nothing any more.
     pub fn abandon(&mut self) {
-        self.slots.clear();
+        for slot in self.slots.drain(..) {
+            if let State::Up(mut output) = slot.state {
+                output.hide();
+            }
+        }
     }
 
     /// What has happened to them since this was last asked.
@@ -296,7 +391,7 @@ impl Outputs {
     /// Those that are lost, with why; and how many are not.
     pub fn lost(&self) -> (Vec<String>, usize) {
         let words = |slot: &Slot| match &slot.state {
-            State::Lost { why } => Some(format!("output of {}: {why}", slot.spec.projector)),
+            State::Lost { why, .. } => Some(format!("output of {}: {why}", slot.spec.projector)),
             State::Up(_) => None,
         };
         let lost: Vec<_> = self.slots.iter().filter_map(words).collect();
@@ -306,13 +401,26 @@ impl Outputs {
 
     /// Whether any shows its picture to people.
     pub fn any_shows(&self) -> bool {
-        self.slots.iter().any(|slot| slot.spec.may_be_lost())
+        self.slots.iter().any(|slot| slot.spec.shows())
     }
 
-    /// The clock of the fastest: all projectors of a frame share it.
+    /// The clock of the fastest that people see now, or where there is none, of the fastest: all projectors of a frame share it.
     pub fn clock(&self) -> Clock {
-        let fastest = self.slots.iter().map(|slot| slot.clock).min_by_key(Clock::period);
-        fastest.unwrap_or_else(|| Clock::new(USUAL_HZ, self.next_look))
+        let fastest = |slots: &mut dyn Iterator<Item = &Slot>| slots.map(|slot| slot.clock).min_by_key(Clock::period);
+        let seen = |slot: &&Slot| slot.spec.shows() && matches!(slot.state, State::Up(_));
+        fastest(&mut self.slots.iter().filter(seen))
+            .or_else(|| fastest(&mut self.slots.iter()))
+            .unwrap_or_else(|| Clock::new(USUAL_HZ, self.next_look))
+    }
+
+    /// At how many refreshes of a projector's own screen what was due at `refresh` was not there yet.
+    pub fn missed(&self, projector: usize, refresh: Instant, completed: Instant) -> u64 {
+        self.slots.get(projector).map_or(0, |slot| {
+            // Its own refresh is the first from that one on.
+            let clock = &slot.clock;
+            let just_before = refresh.checked_sub(clock.period() / 1000).unwrap_or(refresh);
+            clock.missed(clock.next_refresh(just_before), completed)
+        })
     }
 
     /// Which are due at a refresh of the fastest: those whose own next refresh comes before its next one.
@@ -328,10 +436,12 @@ impl Outputs {
     }
 
     /// Waits, until `until` at most, for the last pictures to be there; those that can tell when that was, by the projector's
-    /// place. Their clocks follow.
+    /// place. Their clocks follow. They are waited for one after the other, and each has its turn to be the first.
     pub fn wait_shown(&mut self, until: Instant) -> Vec<(usize, Instant)> {
-        let mut shown = Vec::new();
-        for (index, slot) in self.slots.iter_mut().enumerate() {
+        let (mut shown, count) = (Vec::new(), self.slots.len());
+        self.first_waited = (self.first_waited + 1) % count.max(1);
+        for index in (0..count).map(|turn| (turn + self.first_waited) % count) {
+            let slot = &mut self.slots[index];
             let State::Up(output) = &mut slot.state else { continue };
             if let Some(at) = output.wait_shown(until) {
                 slot.clock.saw(at);

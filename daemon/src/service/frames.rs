@@ -162,8 +162,10 @@ pub(super) struct FrameThread {
     pub(super) frames: Option<u64>,
     /// Frames of the whole set so far.
     pub(super) frame: u64,
-    /// The last refresh that counted as a picture that stayed.
-    pub(super) counted_refresh: u64,
+    /// When a picture that stayed was last counted.
+    pub(super) counted: Option<Instant>,
+    /// Whether the start is over.
+    pub(super) is_ready: bool,
     /// The last revision that subscribers were told of.
     pub(super) told_revision: u64,
     /// What is brought to the device ahead of revisions made of it.
@@ -208,7 +210,8 @@ impl FrameThread {
             requests: VecDeque::new(),
             frames,
             frame: 0,
-            counted_refresh: 0,
+            counted: None,
+            is_ready: false,
             told_revision: 0,
             prepared: Vec::new(),
             watchdog: Watchdog::from_environment(),
@@ -216,7 +219,7 @@ impl FrameThread {
     }
 
     fn run(&mut self, first: &SyncSender<Result<(), String>>) -> Ended {
-        let (opened, mut is_ready) = (Instant::now(), false);
+        let opened = Instant::now();
         loop {
             // Asleep until something changes; where frames are counted or bodies go on moving, until the next refresh at the latest;
             // and not at all while something is on its way to the device. The watchdog wants to hear of it now and then all the same.
@@ -232,8 +235,8 @@ impl FrameThread {
             }
             self.turn(turn)?;
             self.watchdog.feed(Instant::now());
-            if !is_ready && self.screens.are_ready(opened.elapsed()).map_err(FrameError::NoOutput)? {
-                is_ready = true;
+            if !self.is_ready && self.screens.are_ready(opened.elapsed()).map_err(FrameError::NoOutput)? {
+                self.is_ready = true;
                 let _ = first.try_send(Ok(()));
                 // The next start has them, however this one ends.
                 self.device.keep_pipelines();
@@ -351,9 +354,11 @@ impl FrameThread {
             self.count(frame, began);
         } else {
             // A picture that stays counts as shown once a refresh, however often the thread is woken meanwhile.
-            let refresh = self.screens.clock().refreshes(began);
-            let counts = self.frames.is_some() && refresh > self.counted_refresh;
-            self.counted_refresh = self.counted_refresh.max(refresh);
+            let is_due = |at: Instant| self.screens.clock().next_refresh(at) <= began;
+            let counts = self.frames.is_some() && self.counted.is_none_or(is_due);
+            if counts {
+                self.counted = Some(began);
+            }
             self.links.stats.unchanged(self.renderer.scene().revision, counts);
         }
         Ok(frame.is_some())
@@ -375,6 +380,7 @@ impl FrameThread {
         if !self.renderer.is_coarse() && !self.renderer.is_behind() {
             return Ok(());
         }
+        self.screens.plan();
         let began = Instant::now();
         self.renderer.set_due(&[]);
         self.renderer.set_coarse(false);
@@ -389,14 +395,15 @@ impl FrameThread {
     pub(super) fn count(&mut self, frame: &Frame, began: Instant) {
         let report = &frame.report;
         self.frame += 1;
-        let completed = report.projectors.iter().map(|p| p.completed).max().unwrap_or(began);
-        let late = self.screens.completed(self.renderer.is_coarse(), began, completed);
-        // Before the first picture nothing was due.
-        let missed = if self.frame > 1 { late } else { 0 };
+        // It is with the screens now.
+        let shown = Instant::now();
+        self.screens.completed(self.renderer.is_coarse(), began, shown);
         let names: Vec<_> = self.renderer.projectors().map(|p| p.name.as_str()).collect();
-        let reports: Vec<_> = report.projectors.iter().map(|p| (names[p.projector], p)).collect();
-        self.links.stats.rendered(&reports, self.frame, report.revision, missed);
-        for (projector, of) in reports {
+        // Before the first picture nothing was due.
+        let missed = |projector| if self.frame > 1 { self.screens.missed(projector, shown) } else { 0 };
+        let reports: Vec<_> = report.projectors.iter().map(|p| (names[p.projector], p, missed(p.projector))).collect();
+        self.links.stats.rendered(&reports, self.frame, report.revision);
+        for (projector, of, missed) in reports {
             let poses = shown_poses(&frame.placed, report.submitted, of.completed);
             self.links.ledger.record(projector, &poses, of.completed);
             self.tell(EventKind::Frame, || {

@@ -12,7 +12,7 @@ const OUTLIERS: usize = 2;
 
 /// What is left between the end of a frame and its refresh: at the start, at least, and as a share of the period at most.
 const MARGIN: Duration = Duration::from_micros(1000);
-const LEAST_MARGIN: Duration = Duration::from_micros(300);
+const LEAST_MARGIN: Duration = Duration::from_micros(500);
 const MOST_MARGIN: f64 = 0.25;
 
 /// A miss makes the margin so much larger, and so many frames without one take a tenth of that away again.
@@ -22,13 +22,13 @@ const GOOD_FRAMES: u32 = 60;
 /// What frames have taken, and so when the next one has to begin.
 #[derive(Debug)]
 pub struct Pace {
-    /// From the beginning to the completion, the newest last.
+    /// From the beginning until it was with the screens, the newest last.
     took: Vec<Duration>,
     margin: Duration,
     /// Frames since the last miss, or since the margin was made smaller.
     good: u32,
-    /// The refresh that the last frame was for.
-    last: u64,
+    /// The refresh that the last frame was for, or came to be for.
+    last: Option<Instant>,
 }
 
 /// When a frame is to begin, and for which refresh.
@@ -36,13 +36,13 @@ pub struct Pace {
 pub struct Plan {
     /// Not before this.
     pub start: Instant,
-    /// Counted by the clock.
-    pub refresh: u64,
+    /// When that is.
+    pub refresh: Instant,
 }
 
 impl Default for Pace {
     fn default() -> Self {
-        Self { took: Vec::new(), margin: MARGIN, good: 0, last: 0 }
+        Self { took: Vec::new(), margin: MARGIN, good: 0, last: None }
     }
 }
 
@@ -62,28 +62,29 @@ impl Pace {
     /// The plan of the next frame: for the first refresh that it can reach and that no frame was for, begun as late as it may be.
     /// Where frames need longer than from one refresh to the next, it begins at once.
     pub fn plan(&self, clock: &Clock, now: Instant) -> Plan {
-        let needs = self.estimate() + self.margin;
-        if needs >= clock.period() {
-            return Plan { start: now, refresh: (clock.refreshes(now) + 1).max(self.last + 1) };
-        }
-        let refresh = (clock.refreshes(now + needs) + 1).max(self.last + 1);
-        Plan { start: (clock.at(refresh).checked_sub(needs)).unwrap_or(now).max(now), refresh }
+        let (needs, period) = (self.estimate() + self.margin, clock.period());
+        let reaches = if needs < period { now + needs } else { now };
+        // A clock that was moved a little meanwhile, or is another screen's, does not make one refresh two.
+        let after = self.last.map_or(reaches, |last| reaches.max(last + period / 2));
+        let refresh = clock.next_refresh(after);
+        let start = if needs < period { refresh.checked_sub(needs).unwrap_or(now).max(now) } else { now };
+        // Nothing is waited for that lies beyond the next refresh but one.
+        Plan { start: start.min(now + period * 2), refresh }
     }
 
-    /// A frame that was planned for a refresh is whole. Gives the refreshes at which it was due and not ready.
+    /// A frame that was planned for a refresh is whole, and with the screens. Gives the refreshes at which it was due and not ready.
     pub fn completed(&mut self, clock: &Clock, plan: Plan, began: Instant, completed: Instant) -> u64 {
         if self.took.len() == FRAMES {
             self.took.remove(0);
         }
         let could_reach = self.estimate() + self.margin < clock.period();
         self.took.push(completed.saturating_duration_since(began));
-        let missed = (clock.refreshes(completed) + 1).saturating_sub(plan.refresh);
-        self.last = plan.refresh + missed;
+        let missed = clock.missed(plan.refresh, completed);
+        self.last = Some(if missed > 0 { clock.next_refresh(completed) } else { plan.refresh });
 
         // A margin helps only frames that can be in time at all.
         if missed > 0 && could_reach {
-            self.margin = (self.margin + STEP).min(clock.period().mul_f64(MOST_MARGIN));
-            self.good = 0;
+            self.was_late(clock);
         } else {
             self.good += 1;
             if self.good >= GOOD_FRAMES {
@@ -94,9 +95,15 @@ impl Pace {
         missed
     }
 
-    /// Another clock counts from now on.
+    /// A frame came later than it was planned, though there was time: the next ones get more room.
+    pub fn was_late(&mut self, clock: &Clock) {
+        self.margin = (self.margin + STEP).min(clock.period().mul_f64(MOST_MARGIN));
+        self.good = 0;
+    }
+
+    /// Another clock counts from now on: what the last frame was for says nothing any more.
     pub fn restart(&mut self) {
-        self.last = 0;
+        self.last = None;
     }
 }
 
@@ -122,14 +129,18 @@ mod tests {
 
     #[test]
     fn a_frame_begins_as_late_as_it_may() {
-        let (_, clock, all) = run(|frame| MS * (6 + frame as u32 % 3), 400);
+        let (pace, clock, all) = run(|frame| MS * (6 + frame as u32 % 3), 400);
         // One frame a refresh, none twice, none missed once what they take is known.
         let refreshes: Vec<_> = all[50..].iter().map(|(plan, _)| plan.refresh).collect();
-        assert!(refreshes.windows(2).all(|pair| pair[1] == pair[0] + 1));
+        assert!(refreshes.windows(2).all(|pair| (pair[1] - pair[0]).abs_diff(clock.period()) < MS));
         assert!(all[50..].iter().all(|(_, missed)| *missed == 0));
         let (plan, _) = all[399];
-        let before = clock.at(plan.refresh) - plan.start;
+        let before = plan.refresh - plan.start;
         assert!(before >= 8 * MS && before <= 9 * MS + MS / 2, "{before:?} ahead of its refresh");
+        // An hour later another screen's clock counts: nothing waits for what the old one had come to.
+        let (now, other) = (plan.refresh + MS * 3_600_000, Clock::new(100.0, plan.refresh + MS * 3_599_000));
+        let next = pace.plan(&other, now);
+        assert!(next.start < now + MS * 20 && next.refresh > now && next.refresh < now + MS * 30, "{next:?}");
     }
 
     #[test]
@@ -150,7 +161,8 @@ mod tests {
         let (pace, clock, all) = run(|_| 50 * MS, 40);
         assert!(all[1..].windows(2).all(|pair| pair[1].0.start == pair[0].0.start + 50 * MS));
         let missed: u64 = all.iter().map(|(_, missed)| missed).sum();
-        let passed = clock.refreshes(all[39].0.start + 50 * MS);
+        let passed =
+            (all[39].0.start + 50 * MS - all[0].0.start).as_millis() as u64 / clock.period().as_millis() as u64;
         assert!(missed.abs_diff(passed * 3 / 5) <= 1, "{missed} of {passed}");
         assert!(pace.margin() <= MARGIN + STEP, "no margin can help them");
     }

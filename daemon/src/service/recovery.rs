@@ -7,7 +7,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use lantern_gpu::Device;
+use lantern_gpu::{Device, GpuError};
 use lantern_render::{RenderError, Renderer};
 
 use super::frames::{FrameError, FrameThread};
@@ -57,6 +57,11 @@ impl FrameThread {
         let newest = self.links.shared.newest();
         let mut scene = if self.refused == Some(newest.revision) { self.shown.clone() } else { newest.clone() };
 
+        // What hangs keeps its displays for as long as this process lives; the next one has them.
+        if matches!(loss, RenderError::Gpu(GpuError::Timeout { .. })) && self.screens.have_displays() {
+            let last = "displays come back with another process alone".to_owned();
+            return Err(FrameError::GaveUp { attempts: 0, loss: loss.to_string(), last });
+        }
         // All of the old device goes before the new one comes; outputs first, which show what is on it.
         let (outputs, degrade) = self.screens.give_up();
         drop(self.renderer);

@@ -83,6 +83,7 @@ impl FrameThread {
                 self.renderer.set_pattern(index, pattern)?;
             }
         }
+        self.screens.plan();
         let shown = self.show(Instant::now());
         if shown.is_err() {
             for (index, pattern) in before.into_iter().enumerate() {
@@ -104,7 +105,8 @@ impl FrameThread {
             let before = (self.renderer.projectors().cloned().collect(), self.shown.clone());
             let taken = self.take(projectors, setup.scene, began);
             if taken.as_ref().is_err_and(|error| !is_loss(error)) {
-                self.take(before.0, before.1, began)?;
+                let frame = self.take(before.0, before.1, began)?;
+                self.present(frame.as_ref())?;
             }
             taken?
         } else {
@@ -119,7 +121,7 @@ impl FrameThread {
         self.sight.set_output_latency(self.screens.latency());
         self.links.shared.publish_shown(&self.shown);
         self.links.stats.set_projectors(&self.renderer);
-        self.counted_refresh = 0;
+        self.counted = None;
         self.present(frame.as_ref())?;
         if let Some(frame) = frame {
             self.count(&frame, began);

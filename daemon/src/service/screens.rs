@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use lantern_config::OutputKind;
 use lantern_gpu::{Device, GpuError};
 use lantern_proto::ExportHandle;
 use lantern_proto::event::OutputEvent;
@@ -32,6 +33,8 @@ pub(super) struct Screens {
     pace: Pace,
     /// The frame in the making.
     plan: Plan,
+    /// The refresh that the last frame was to be seen at.
+    shown_for: Instant,
     coarseness: Coarseness,
     /// When the last coarse picture was begun.
     last_coarse: Instant,
@@ -56,7 +59,8 @@ impl Screens {
             specs,
             degrade,
             pace: Pace::default(),
-            plan: Plan { start: now, refresh: 0 },
+            plan: Plan { start: now, refresh: now },
+            shown_for: now,
             last_coarse: now,
         }
     }
@@ -75,6 +79,11 @@ impl Screens {
     pub(super) fn give_up(mut self) -> (Vec<OutputSpec>, Option<bool>) {
         self.outputs.abandon();
         (self.specs, self.degrade)
+    }
+
+    /// Whether any is a display, which is this process's alone.
+    pub(super) fn have_displays(&self) -> bool {
+        self.specs.iter().any(|spec| matches!(spec.output.kind, OutputKind::Display { .. }))
     }
 
     /// The clock of the fastest.
@@ -115,12 +124,16 @@ impl Screens {
         if !seen.is_empty() {
             self.clock = self.outputs.clock();
         }
+        // A screen knows better than we whether a frame was in time.
+        if seen.iter().any(|(_, at)| *at > self.shown_for + self.clock.period() / 2) {
+            self.pace.was_late(&self.clock);
+        }
         seen
     }
 
     /// Tells the renderer which projectors' screens are due at the planned refresh, and how closely to look.
     pub(super) fn before_frame(&self, renderer: &mut Renderer, began: Instant) {
-        renderer.set_due(&self.outputs.due(self.clock.at(self.plan.refresh)));
+        renderer.set_due(&self.outputs.due(self.plan.refresh));
         renderer.set_coarse(self.coarseness.wants(began));
     }
 
@@ -163,8 +176,8 @@ impl Screens {
         self.outputs.status()
     }
 
-    /// The planned frame is whole. Gives the refreshes at which it was due and not ready.
-    pub(super) fn completed(&mut self, was_coarse: bool, began: Instant, completed: Instant) -> u64 {
+    /// The planned frame is whole, and with the screens.
+    pub(super) fn completed(&mut self, was_coarse: bool, began: Instant, completed: Instant) {
         if was_coarse {
             self.last_coarse = began;
         }
@@ -176,7 +189,13 @@ impl Screens {
             let ms = |time: Duration| time.as_secs_f64() * 1e3;
             tracing::warn!(took_ms = ms(took), period_ms = ms(self.clock.period()), "{what}");
         }
-        self.pace.completed(&self.clock, self.plan, began, completed)
+        self.pace.completed(&self.clock, self.plan, began, completed);
+        self.shown_for = self.plan.refresh;
+    }
+
+    /// The refreshes of a projector's own screen at which the planned frame was due and not ready.
+    pub(super) fn missed(&self, projector: usize, completed: Instant) -> u64 {
+        self.outputs.missed(projector, self.plan.refresh, completed)
     }
 }
 

@@ -95,13 +95,13 @@ impl Stats {
         }));
     }
 
-    /// All projectors show a frame: of one moment to whoever asks. `missed` is by how many refreshes it came too late.
-    pub fn rendered(&self, reports: &[(&str, &ProjectorReport)], frame: u64, revision: u64, missed: u64) {
+    /// All projectors show a frame: of one moment to whoever asks. With each report by how many refreshes it came too late.
+    pub fn rendered(&self, reports: &[(&str, &ProjectorReport, u64)], frame: u64, revision: u64) {
         let mut all = self.lock();
         all.values_mut().for_each(|stats| stats.revision = revision);
-        for (name, report) in reports {
+        for (name, report, missed) in reports {
             if let Some(stats) = all.get_mut(*name) {
-                stats.rendered(report, frame, missed);
+                stats.rendered(report, frame, *missed);
             }
         }
     }

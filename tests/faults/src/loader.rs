@@ -84,7 +84,8 @@ unsafe extern "system" fn instance_proc_addr(instance: vk::Instance, name: *cons
     // SAFETY: the loader asks with a C string, and with a live instance or none.
     unsafe {
         let name = CStr::from_ptr(name);
-        if instance == vk::Instance::null() {
+        // The loader asks the topmost layer with an instance that is still in the making.
+        if instance == vk::Instance::null() || name == c"vkCreateInstance" {
             return own(name);
         }
         let there = (below(instance.key())?.find)(instance, name.as_ptr())?;

@@ -8,7 +8,6 @@ mod x11;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 pub(crate) use wayland::WaylandWindow;
@@ -127,10 +126,9 @@ impl Heard {
     }
 }
 
-/// The thread of a window, which ends with it.
+/// The thread of a window, which ends soon after it: its server may be stopped, and nobody waits for that.
 struct Listener {
     heard: Arc<Heard>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl Listener {
@@ -141,18 +139,14 @@ impl Listener {
     ) -> std::io::Result<Listener> {
         let own = Arc::clone(heard);
         let name = format!("window {}", desc.name);
-        let thread = std::thread::Builder::new().name(name).spawn(move || listen(own))?;
-        Ok(Listener { heard: Arc::clone(heard), thread: Some(thread) })
+        std::thread::Builder::new().name(name).spawn(move || listen(own))?;
+        Ok(Listener { heard: Arc::clone(heard) })
     }
 }
 
 impl Drop for Listener {
     fn drop(&mut self) {
         self.heard.stop.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take() {
-            // A thread that panicked has nothing more to say.
-            let _ = thread.join();
-        }
     }
 }
 
@@ -201,6 +195,15 @@ impl Window {
             (System::X11(window), refresh_hz)
         };
         Ok(Arc::new(Window { system, heard, refresh_hz, server, name: desc.name.clone() }))
+    }
+
+    /// Takes it from sight for good, without the device: one that hangs keeps the window's surface, and with it the window.
+    pub fn hide(&self) {
+        self.heard.stop.store(true, Ordering::Release);
+        match &self.system {
+            System::X11(window) => window.hide(),
+            System::Wayland(window) => window.hide(),
+        }
     }
 
     /// Its name.

@@ -102,6 +102,14 @@ impl WaylandWindow {
         Ok((WaylandWindow { _listener: listener, window, connection }, refresh_hz))
     }
 
+    pub(super) fn hide(&self) {
+        let surface = self.window.wl_surface();
+        surface.attach(None, 0, 0);
+        surface.commit();
+        // Where the compositor has gone, so has the window.
+        let _ = self.connection.flush();
+    }
+
     /// The surface, while the window lives.
     pub(crate) fn surface(&self) -> ObjectId {
         self.window.wl_surface().id()

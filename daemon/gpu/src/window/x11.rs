@@ -86,6 +86,14 @@ impl X11Window {
     }
 }
 
+impl X11Window {
+    pub(super) fn hide(&self) {
+        // Where the server has gone, so has the window.
+        let _ = self.connection.unmap_window(self.raw);
+        let _ = self.connection.flush();
+    }
+}
+
 impl Drop for X11Window {
     fn drop(&mut self) {
         // Where the server has gone, so has the window.
