@@ -3,8 +3,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-#include "include/frame.glsl"
-#include "include/pattern.glsl"
 #include "include/sent.glsl"
 
 const uint PIXELS_8_BIT = 0u;
@@ -12,9 +10,11 @@ const uint PIXELS_10_BIT = 1u;
 const uint PIXELS_HDR10 = 2u;
 layout(constant_id = 12) const uint PIXELS = PIXELS_8_BIT;
 
+// Nothing that the host writes for a frame is bound: the next frame begins while this one is still on its way to the screen.
 layout(push_constant) uniform Push {
     float white_nits; // for HDR10: how bright white is, cd/m²
     uint columns;     // of the picture
+    uint is_pattern;  // whether the picture is a test pattern
 } push;
 
 layout(std430, binding = 23) readonly buffer Shown { vec4 shown[]; }; // linear radiance, weight
@@ -41,7 +41,7 @@ void main() {
 
     // A test pattern stands in the picture alone, and is black and white.
     vec3 light = sent_light(index, shown[index]);
-    if (setup.pattern != PATTERN_OFF) {
+    if (push.is_pattern != 0u) {
         light = unpackUnorm4x8(color[index]).rgb;
     }
     vec3 encoded = PIXELS == PIXELS_10_BIT ? encode_srgb(light) : encode_pq(BT2020_FROM_BT709 * light * push.white_nits);

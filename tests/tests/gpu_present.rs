@@ -103,6 +103,37 @@ fn with_ten_bits_it_shows_the_light_behind_them() {
 }
 
 #[test]
+fn a_frame_begins_while_the_last_one_is_being_shown() {
+    let mut rig = rig();
+    // Whatever each kind of screen reads must be free for the next frame.
+    let kinds = [
+        (ImageFormat::Rgba8Unorm, Pixels::Bits8),
+        (ImageFormat::Rgb10a2Unorm, Pixels::Bits10),
+        (ImageFormat::Rgb10a2Unorm, Pixels::Hdr10),
+    ];
+    let mut eye = DVec3::new(0.8, 1.4, 3.0);
+    let mut began_early = 0;
+    for (format, pixels) in kinds {
+        let image = Image::new(device(), "screen", SIZE_PX.x, SIZE_PX.y, format, ImageUsage::COLOR).unwrap();
+        let target = Target { image: &image, pixels, white_nits: WHITE_NITS };
+        for turn in 0..4 {
+            // Stands for a device that takes its time to show, or waits for the screen.
+            let mut recorder = Recorder::new(device(), 0, "present").unwrap();
+            for _ in 0..100 {
+                assert!(rig.renderer.present(&mut recorder, 0, &target).unwrap());
+            }
+            let showing = device().submit(recorder.finish().unwrap(), &[]).unwrap();
+            began_early += u32::from(!showing.is_done().unwrap());
+            eye.x += 0.01;
+            let rendered = rig.renderer.render(|| vec![eye]).map(drop);
+            assert!(rendered.is_ok(), "{pixels:?}, turn {turn}: {}", rendered.unwrap_err());
+        }
+    }
+    assert!(began_early > 0, "no frame began while another was being shown");
+    assert_validation_is_silent();
+}
+
+#[test]
 fn hdr10_is_bt_2020_through_the_perceptual_quantiser() {
     let mut rig = rig();
     // From the chromaticities of both standards (ITU-R BT.709-6 and BT.2020-2), not from the matrix that the shader has.

@@ -1,6 +1,7 @@
 //! A projector's picture into an image of its output.
 //!
-//! Reads `Color`, or `Shown`; writes the image.
+//! Reads `Color`, or `Shown`; writes the image. It reads nothing that the host writes for each frame, so that the next one can begin
+//! while this one waits for its screen.
 
 use std::sync::Arc;
 
@@ -18,13 +19,15 @@ const MAPPED: u32 = 11;
 /// Specialisation constant of `present.frag`: one of its `PIXELS_` constants.
 const PIXELS: u32 = 12;
 
-/// Twin of `Push` in `present.frag`; 8 bytes.
+/// Twin of `Push` in `present.frag`; 12 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Push {
     /// cd/m².
     white_nits: f32,
     columns: u32,
+    /// Not 0: the picture is a test pattern.
+    is_pattern: u32,
 }
 
 /// An image to draw into, and how its numbers are read.
@@ -94,9 +97,10 @@ impl Present {
         &self,
         recorder: &mut Recorder,
         targets: &Targets,
+        is_pattern: bool,
         target: &Target<'_>,
     ) -> Result<(), GpuError> {
-        let push = Push { white_nits: target.white_nits, columns: targets.size_px[0] };
+        let push = Push { white_nits: target.white_nits, columns: targets.size_px[0], is_pattern: is_pattern.into() };
         let black = Load::Clear([0.0, 0.0, 0.0, 1.0]);
         recorder.span("present", |recorder| {
             recorder.render("present", &[(target.image, black)], None, &[&self.bindings], |draws| {

@@ -38,6 +38,8 @@ pub(crate) struct Projector {
     raster_nodes: Vec<RasterNode>,
     pub(crate) stale: Stale,
     pub(crate) pattern: Pattern,
+    /// What its picture was made with: a pattern that was asked for since is not in it yet.
+    shown_pattern: Pattern,
     pub(crate) shown_viewers: Vec<DVec3>,
     /// Whether samples may stand for all of a pixel's without a look at its neighbours; and whether the picture was made so.
     pub(crate) coarse: bool,
@@ -69,6 +71,7 @@ impl Projector {
             raster_nodes: Vec::new(),
             stale: Stale::EVERYTHING,
             pattern: Pattern::Off,
+            shown_pattern: Pattern::Off,
             shown_viewers: Vec::new(),
             coarse: false,
             is_coarse: false,
@@ -220,7 +223,8 @@ impl Projector {
             Some(present) => present,
             None => Present::new(device, &self.targets, mapped, target)?,
         };
-        self.present.insert(of).record(recorder, &self.targets, target)
+        let is_pattern = self.shown_pattern != Pattern::Off;
+        self.present.insert(of).record(recorder, &self.targets, is_pattern, target)
     }
 
     /// Writes what it shows to a buffer of another process.
@@ -274,6 +278,7 @@ impl Projector {
         if self.stale.look {
             self.is_coarse = self.coarse;
         }
+        self.shown_pattern = self.pattern;
         self.stale = Stale::NOTHING;
         self.constants_written = true;
     }
