@@ -1,18 +1,20 @@
 //! Displays without a desktop (`VK_KHR_display`): found by connector or by who is plugged in there, and taken over for good where
 //! the driver lets that be done (`VK_EXT_acquire_drm_display`).
 
-use std::fs::File;
-use std::os::fd::AsRawFd;
 use std::sync::Arc;
 
 use ash::{ext, khr, vk};
 
+use crate::card::Card;
 use crate::connectors::Connector;
 use crate::device::Device;
 use crate::error::GpuError;
 use crate::handle::DeviceHandle;
-use crate::lease::{Card, Lease};
+use crate::lease::Lease;
 use crate::surface::Surface;
+
+/// How far the rate of a mode may be from the one asked for, Hz: 60 is also 59.94, and 240 is 239.76.
+const RATE_TOLERANCE_HZ: f64 = 0.5;
 
 /// What goes wrong with displays.
 #[derive(Debug, thiserror::Error)]
@@ -65,6 +67,25 @@ pub enum DisplayError {
         /// Its modes.
         have: String,
     },
+    /// It cannot show so many pixels so often.
+    #[error(
+        "display {display:?}: {connector} does not show {width_px}x{height_px} px at {refresh_hz} Hz; hint: it has {have}; set \
+         refresh_hz to one of these rates, or leave it out"
+    )]
+    NoRate {
+        /// The output.
+        display: String,
+        /// The connector.
+        connector: String,
+        /// The columns asked for.
+        width_px: u32,
+        /// The rows.
+        height_px: u32,
+        /// The rate asked for.
+        refresh_hz: f64,
+        /// Its modes of so many pixels.
+        have: String,
+    },
     /// The driver refuses.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -81,7 +102,7 @@ pub struct DisplayDesc {
     pub edid: Option<String>,
     /// Columns and rows of its mode.
     pub size_px: [u32; 2],
-    /// How often it is to show another image, Hz; None: as often as it can.
+    /// How often it is to show another image, Hz, to half a hertz; None: as often as it can.
     pub refresh_hz: Option<f64>,
 }
 
@@ -160,14 +181,7 @@ impl Device {
 fn find(handle: &DeviceHandle, loader: &khr::display::Instance, desc: &DisplayDesc) -> Result<Lease, DisplayError> {
     let instance = &handle.instance;
     let connectors = Connector::all();
-    let lease = |display, card, connector| Lease {
-        instance: Arc::clone(instance),
-        physical: handle.physical,
-        display,
-        card,
-        connector,
-        size_px: desc.size_px,
-    };
+    let lease = |display, card, connector| Lease { display, card, connector, size_px: desc.size_px };
     let not_there = |have: Vec<String>| DisplayError::NotThere {
         display: desc.name.clone(),
         wanted: desc.wanted(),
@@ -187,22 +201,13 @@ fn find(handle: &DeviceHandle, loader: &khr::display::Instance, desc: &DisplayDe
             detail,
         };
         let path = connector.device_file();
-        let card = File::options().read(true).write(true).open(&path);
-        let card = Card(card.map_err(|error| taken(format!("{}: {error}", path.display())))?);
+        let card = Card::of(instance, handle.physical, &path)
+            .map_err(|error| taken(format!("{}: {error}", path.display())))?;
         let id = card.connector_id(&connector.name).map_err(|error| taken(error.to_string()))?;
         let id = id.ok_or_else(|| taken(format!("{} does not know it", connector.card)))?;
-        let acquire = ext::acquire_drm_display::Instance::new(instance.entry(), instance.raw());
-        let fd = card.0.as_raw_fd();
-        // SAFETY: the extension is enabled, and the file stays open as long as the lease.
-        let display = unsafe {
-            let display = acquire
-                .get_drm_display(handle.physical, fd, id)
-                .map_err(|result| taken(format!("{} does not drive it: {result}", handle.info.name)))?;
-            acquire
-                .acquire_drm_display(handle.physical, fd, display)
-                .map_err(|result| taken(format!("the driver answers {result}")))?;
-            display
-        };
+        let display =
+            card.display(id).map_err(|result| taken(format!("{} does not drive it: {result}", handle.info.name)))?;
+        card.acquire(display).map_err(|error| taken(error.to_string()))?;
         return Ok(lease(display, Some(card), Some((*connector).clone())));
     }
 
@@ -216,10 +221,10 @@ fn find(handle: &DeviceHandle, loader: &khr::display::Instance, desc: &DisplayDe
         let name = unsafe { crate::info::name_at(display.display_name) };
         let known = connectors.iter().filter(|connector| connector.connected).find(|connector| {
             let screen = connector.identity.as_ref().and_then(|identity| identity.name.as_deref());
-            name.contains(&connector.name) || screen.is_some_and(|screen| name.contains(screen))
+            names(&name, &connector.name) || screen.is_some_and(|screen| names(&name, screen))
         });
         let by_name = || {
-            let holds = |part: &Option<String>| part.as_ref().is_none_or(|part| name.contains(part.as_str()));
+            let holds = |part: &Option<String>| part.as_ref().is_none_or(|part| names(&name, part));
             holds(&desc.connector) && holds(&desc.edid)
         };
         if known.map_or_else(by_name, |connector| desc.means(connector)) {
@@ -228,6 +233,15 @@ fn find(handle: &DeviceHandle, loader: &khr::display::Instance, desc: &DisplayDe
         have.push(name);
     }
     Err(not_there(have))
+}
+
+/// Whether a driver's name of a display has a part as a word or words of its own: `eDP-1` has no `DP-1`, and `Screen (DP-1)` has.
+fn names(name: &str, part: &str) -> bool {
+    let ends = |beyond: Option<char>| beyond.is_none_or(|c| !c.is_alphanumeric() && !['-', '_'].contains(&c));
+    !part.is_empty()
+        && name.match_indices(part).any(|(start, _)| {
+            ends(name[..start].chars().next_back()) && ends(name[start + part.len()..].chars().next())
+        })
 }
 
 fn words(connector: &Connector) -> String {
@@ -239,7 +253,7 @@ fn words(connector: &Connector) -> String {
     }
 }
 
-/// The mode of so many pixels that comes closest to the refresh rate asked for.
+/// The mode for what was asked for, and how often it shows another image, Hz.
 fn mode(
     handle: &DeviceHandle,
     loader: &khr::display::Instance,
@@ -250,23 +264,39 @@ fn mode(
     // SAFETY: the extension is enabled, and the display is the device's.
     let modes = unsafe { loader.get_display_mode_properties(handle.physical, lease.display) }
         .map_err(|result| GpuError::vulkan(format!("listing the modes of display {:?}", desc.name), result))?;
-    let hz = |mode: &vk::DisplayModePropertiesKHR| f64::from(mode.parameters.refresh_rate) / 1000.0;
+    choose(&modes, connector, desc).map(|mode| (mode.display_mode, hz(&mode)))
+}
+
+fn hz(mode: &vk::DisplayModePropertiesKHR) -> f64 {
+    f64::from(mode.parameters.refresh_rate) / 1000.0
+}
+
+/// Of the modes of just so many pixels the one of the rate asked for, or the fastest where none was.
+fn choose(
+    modes: &[vk::DisplayModePropertiesKHR],
+    connector: &str,
+    desc: &DisplayDesc,
+) -> Result<vk::DisplayModePropertiesKHR, DisplayError> {
     let size = |mode: &vk::DisplayModePropertiesKHR| {
         [mode.parameters.visible_region.width, mode.parameters.visible_region.height]
     };
-    let fitting = modes.iter().filter(|mode| size(mode) == desc.size_px);
-    let best = fitting.min_by(|a, b| {
-        let far = |mode| desc.refresh_hz.map_or(-hz(mode), |wanted| (hz(mode) - wanted).abs());
-        far(a).total_cmp(&far(b))
-    });
-    let in_words = |mode| format!("{}x{} at {:.2} Hz", size(mode)[0], size(mode)[1], hz(mode));
-    best.map(|mode| (mode.display_mode, hz(mode))).ok_or_else(|| DisplayError::NoMode {
-        display: desc.name.clone(),
-        connector: connector.into(),
-        width_px: desc.size_px[0],
-        height_px: desc.size_px[1],
-        have: modes.iter().map(in_words).collect::<Vec<_>>().join(", "),
-    })
+    let [width_px, height_px] = desc.size_px;
+    let (display, connector) = (desc.name.clone(), connector.to_owned());
+    let fitting: Vec<_> = modes.iter().filter(|mode| size(mode) == desc.size_px).copied().collect();
+    let far =
+        |mode: &vk::DisplayModePropertiesKHR| desc.refresh_hz.map_or(-hz(mode), |wanted| (hz(mode) - wanted).abs());
+    let Some(best) = fitting.iter().min_by(|a, b| far(a).total_cmp(&far(b))) else {
+        let in_words = |mode| format!("{}x{} at {:.2} Hz", size(mode)[0], size(mode)[1], hz(mode));
+        let have = modes.iter().map(in_words).collect::<Vec<_>>().join(", ");
+        return Err(DisplayError::NoMode { display, connector, width_px, height_px, have });
+    };
+    match desc.refresh_hz {
+        Some(refresh_hz) if far(best) > RATE_TOLERANCE_HZ => {
+            let have = fitting.iter().map(|mode| format!("{:.2} Hz", hz(mode))).collect::<Vec<_>>().join(", ");
+            Err(DisplayError::NoRate { display, connector, width_px, height_px, refresh_hz, have })
+        }
+        _ => Ok(*best),
+    }
 }
 
 /// A plane that can show the display and shows no other: its index, and its place in the stack.
@@ -286,4 +316,51 @@ fn plane(
         }
     }
     Ok(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_driver_names_a_connector_by_a_word_of_its_own() {
+        for (name, part, is) in [
+            ("DP-1", "DP-1", true),
+            ("Seiko Epson EB-L200F (DP-1)", "DP-1", true),
+            ("Seiko Epson EB-L200F (DP-1)", "EB-L200F", true),
+            ("Seiko Epson EB-L200F (DP-1)", "Epson EB-L200F", true),
+            ("eDP-1", "DP-1", false),
+            ("DP-11", "DP-1", false),
+            ("DP-1-2", "DP-1", false),
+            ("eDP-1, DP-1", "DP-1", true),
+            ("monitor", "DP-1", false),
+            ("monitor", "", false),
+            ("Écran-1 (DP-1)", "1", false),
+        ] {
+            assert_eq!(names(name, part), is, "{part:?} in {name:?}");
+        }
+    }
+
+    #[test]
+    fn a_mode_has_the_very_pixels_and_the_rate_asked_for() {
+        let mode = |[width, height]: [u32; 2], refresh_rate| vk::DisplayModePropertiesKHR {
+            parameters: vk::DisplayModeParametersKHR { visible_region: vk::Extent2D { width, height }, refresh_rate },
+            ..Default::default()
+        };
+        let full = [1920, 1080];
+        let modes = [mode([1280, 800], 120_000), mode(full, 59_940), mode(full, 120_000), mode(full, 50_000)];
+        let chosen = |size_px, refresh_hz| {
+            let desc = DisplayDesc { name: "left".into(), connector: None, edid: None, size_px, refresh_hz };
+            choose(&modes, "DP-1", &desc).map(|mode| mode.parameters.refresh_rate)
+        };
+        for (refresh_hz, millihertz) in
+            [(None, 120_000), (Some(60.0), 59_940), (Some(59.94), 59_940), (Some(50.4), 50_000), (Some(119.6), 120_000)]
+        {
+            assert_eq!(chosen(full, refresh_hz).unwrap(), millihertz, "{refresh_hz:?}");
+        }
+        let slower = chosen(full, Some(75.0)).unwrap_err().to_string();
+        assert!(slower.contains("1920x1080 px at 75 Hz; hint: it has 59.94 Hz, 120.00 Hz, 50.00 Hz;"), "{slower}");
+        let smaller = chosen([1920, 1200], None).unwrap_err().to_string();
+        assert!(smaller.contains("1280x800 at 120.00 Hz") && smaller.contains("1920x1200"), "{smaller}");
+    }
 }

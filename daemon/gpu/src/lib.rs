@@ -22,6 +22,7 @@ mod binding;
 mod budget;
 mod buffer;
 mod cache;
+mod card;
 mod chain;
 mod command;
 mod connectors;
