@@ -115,6 +115,18 @@ impl Xvfb {
         Ok(Self { server, display: display.into(), size_px })
     }
 
+    /// Changes its monitors, by the arguments of `xrandr`.
+    ///
+    /// # Errors
+    /// Where that is not installed, or does not like them.
+    pub fn monitors(&self, arguments: &str) -> Result<()> {
+        let mut command = Command::new("xrandr");
+        command.args(["-display", &self.display]).args(arguments.split(' ')).stdout(Stdio::null());
+        let status = command.status().context("hint: packaging/test installs x11-xserver-utils")?;
+        ensure!(status.success(), "xrandr {arguments} ends with {status}");
+        Ok(())
+    }
+
     /// Starts another one in the place of one that has gone.
     ///
     /// # Errors

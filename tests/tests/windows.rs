@@ -152,6 +152,32 @@ fn frames_go_on_as_before_when_an_output_comes_back_while_something_moves() {
 }
 
 #[test]
+fn a_window_whose_monitor_goes_shows_nothing_until_it_is_back() {
+    let [columns, rows] = lab::SIZE_PX.to_array();
+    let x11 = Xvfb::start([columns * 2, rows]).unwrap();
+    x11.monitors(&format!("--setmonitor lab {columns}/25x{rows}/17+{columns}+0 none")).unwrap();
+    let left = format!("{{ kind = \"window\", server = \"{}\", fullscreen = \"lab\" }}", x11.server());
+    let daemon = Daemon::start(&room(&left, "{ kind = \"headless\" }")).unwrap();
+    let mut client = daemon.client().unwrap();
+    becomes(&mut client, "left", "shown");
+    // It stands on the right half of the screen, and nothing stands on the left one.
+    let beside = |picture: RgbImage| {
+        let mut both = RgbImage::new(columns * 2, rows);
+        image::imageops::replace(&mut both, &picture, columns.into(), 0);
+        both
+    };
+    x11.shows(&beside(client.png("left", "color").unwrap())).unwrap();
+    // The same pixels at another place are another projector's.
+    x11.monitors("--delmonitor lab").unwrap();
+    becomes(&mut client, "left", "lost");
+    x11.shows(&RgbImage::new(columns * 2, rows)).unwrap();
+    x11.monitors(&format!("--setmonitor lab {columns}/25x{rows}/17+{columns}+0 none")).unwrap();
+    becomes(&mut client, "left", "shown");
+    x11.shows(&beside(client.png("left", "color").unwrap())).unwrap();
+    ends_well(daemon);
+}
+
+#[test]
 fn a_desktop_that_does_not_answer_holds_up_neither_the_start_nor_the_others() {
     let size_px = lab::SIZE_PX.to_array();
     let (x11, wayland) = (Xvfb::start(size_px).unwrap(), Weston::start(size_px).unwrap());

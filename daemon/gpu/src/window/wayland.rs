@@ -58,19 +58,19 @@ impl WaylandWindow {
             scale: 1,
             logical: None,
             configured: false,
+            place: None,
         };
         // The outputs say who they are.
         events.roundtrip(&mut ears).map_err(|error| refused(error.to_string()))?;
         let outputs: Vec<(WlOutput, OutputInfo)> =
             ears.outputs.outputs().filter_map(|output| Some((output.clone(), ears.outputs.info(&output)?))).collect();
-        let name = |info: &OutputInfo| info.name.clone().unwrap_or_else(|| info.model.clone());
         let output = match &desc.placement {
             Placement::Fullscreen(Some(wanted)) => {
-                let found = outputs.iter().find(|(_, info)| name(info) == *wanted);
+                let found = outputs.iter().find(|(_, info)| name_of(info) == *wanted);
                 Some(found.ok_or_else(|| WindowError::NoMonitor {
                     window: desc.name.clone(),
                     monitor: wanted.clone(),
-                    have: outputs.iter().map(|(_, info)| name(info)).collect::<Vec<_>>().join(", "),
+                    have: outputs.iter().map(|(_, info)| name_of(info)).collect::<Vec<_>>().join(", "),
                 })?)
             }
             Placement::Fullscreen(None) | Placement::Anywhere => None,
@@ -79,6 +79,9 @@ impl WaylandWindow {
         let current = info.modes.iter().find(|mode| mode.current);
         let refresh_hz = current.map(|mode| f64::from(mode.refresh_rate) / 1000.0).filter(|hz| *hz > 0.0);
 
+        if matches!(desc.placement, Placement::Fullscreen(Some(_))) {
+            ears.place = output.map(|(output, _)| output.clone());
+        }
         let surface = compositor.create_surface(&queue);
         let window = shell.create_window(surface, WindowDecorations::None, &queue);
         window.set_title(format!("Lantern: {}", desc.name));
@@ -114,6 +117,11 @@ impl WaylandWindow {
     pub(crate) fn surface(&self) -> ObjectId {
         self.window.wl_surface().id()
     }
+}
+
+/// A monitor's name, or, by an old compositor's word, what it is.
+fn name_of(info: &OutputInfo) -> String {
+    info.name.clone().unwrap_or_else(|| info.model.clone())
 }
 
 /// Where a compositor listens: a path, or a name in the user's runtime folder.
@@ -154,6 +162,8 @@ struct Ears {
     /// The size that it wants, in its units; None where it leaves that to us.
     logical: Option<[u32; 2]>,
     configured: bool,
+    /// The monitor that it has to stay on. On another one it would light another projector's props.
+    place: Option<WlOutput>,
 }
 
 impl Ears {
@@ -174,7 +184,10 @@ impl CompositorHandler for Ears {
 
     fn frame(&mut self, _: &Connection, _: &QueueHandle<Self>, _: &WlSurface, _: u32) {}
 
-    fn surface_enter(&mut self, _: &Connection, _: &QueueHandle<Self>, _: &WlSurface, _: &WlOutput) {
+    fn surface_enter(&mut self, _: &Connection, _: &QueueHandle<Self>, _: &WlSurface, output: &WlOutput) {
+        if self.place.as_ref().is_some_and(|place| place != output) {
+            self.heard.lose("it was put on another monitor");
+        }
         self.heard.expose();
     }
 
@@ -205,7 +218,11 @@ impl OutputHandler for Ears {
 
     fn update_output(&mut self, _: &Connection, _: &QueueHandle<Self>, _: WlOutput) {}
 
-    fn output_destroyed(&mut self, _: &Connection, _: &QueueHandle<Self>, _: WlOutput) {}
+    fn output_destroyed(&mut self, _: &Connection, _: &QueueHandle<Self>, output: WlOutput) {
+        if self.place.as_ref() == Some(&output) {
+            self.heard.lose("its monitor has gone");
+        }
+    }
 }
 
 impl SeatHandler for Ears {

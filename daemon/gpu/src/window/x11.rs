@@ -3,6 +3,7 @@
 use std::ffi::CString;
 use std::os::fd::AsFd;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use x11rb::connection::{Connection, RequestConnection};
@@ -17,6 +18,9 @@ use x11rb::wrapper::ConnectionExt as _;
 use x11rb::xcb_ffi::{XCBConnection, load_libxcb};
 
 use super::{Heard, Listener, NAP, Placement, WindowDesc, WindowError};
+
+/// How often a window looks whether its monitor is still where it was.
+const LOOK: Duration = Duration::from_secs(1);
 
 x11rb::atom_manager! {
     /// Names that have to be turned into numbers.
@@ -63,7 +67,7 @@ impl X11Window {
         let connection = Arc::new(connection);
         let screen = &connection.setup().roots[screen];
 
-        let monitors = monitors(&connection, screen).map_err(|error| refused(error.to_string()))?;
+        let monitors = monitors(&connection, screen.root).map_err(|error| refused(error.to_string()))?;
         let monitor = match &desc.placement {
             Placement::Fullscreen(Some(name)) => {
                 let found = monitors.iter().find(|monitor| monitor.name == *name);
@@ -79,8 +83,13 @@ impl X11Window {
         let refresh_hz = monitor.or(monitors.first()).and_then(|monitor| monitor.refresh_hz);
 
         let (raw, atoms) = create(&connection, screen, desc, monitor).map_err(|error| refused(error.to_string()))?;
-        let listening = Arc::clone(&connection);
-        let listener = Listener::start(desc, heard, move |heard| listen(&listening, raw, &atoms, &heard))
+        let place = match (&desc.placement, monitor) {
+            (Placement::Fullscreen(Some(_)), Some(monitor)) => Some((monitor.name.clone(), monitor.rectangle)),
+            _ => None,
+        };
+        let (listening, root) = (Arc::clone(&connection), screen.root);
+        let own = Own { raw, root, atoms, place };
+        let listener = Listener::start(desc, heard, move |heard| listen(&listening, &own, &heard))
             .map_err(|error| refused(error.to_string()))?;
         Ok((X11Window { _listener: listener, raw, connection }, refresh_hz))
     }
@@ -103,11 +112,11 @@ impl Drop for X11Window {
 }
 
 /// The monitors of a screen; none on a server without RandR 1.5.
-fn monitors(connection: &XCBConnection, screen: &Screen) -> Result<Vec<Monitor>, ReplyOrIdError> {
+fn monitors(connection: &XCBConnection, root: u32) -> Result<Vec<Monitor>, ReplyOrIdError> {
     if connection.extension_information(randr::X11_EXTENSION_NAME)?.is_none() {
         return Ok(Vec::new());
     }
-    let modes = connection.randr_get_screen_resources_current(screen.root)?.reply()?;
+    let modes = connection.randr_get_screen_resources_current(root)?.reply()?;
     let refresh_hz = |output: u32| {
         let crtc = connection.randr_get_output_info(output, modes.config_timestamp).ok()?.reply().ok()?.crtc;
         let mode = connection.randr_get_crtc_info(crtc, modes.config_timestamp).ok()?.reply().ok()?.mode;
@@ -115,7 +124,7 @@ fn monitors(connection: &XCBConnection, screen: &Screen) -> Result<Vec<Monitor>,
         let dots = f64::from(mode.htotal) * f64::from(mode.vtotal);
         (dots > 0.0 && mode.dot_clock > 0).then(|| f64::from(mode.dot_clock) / dots)
     };
-    let listed = connection.randr_get_monitors(screen.root, true)?.reply()?.monitors;
+    let listed = connection.randr_get_monitors(root, true)?.reply()?.monitors;
     listed
         .into_iter()
         .map(|monitor| {
@@ -191,9 +200,39 @@ fn no_cursor(connection: &XCBConnection, screen: &Screen) -> Result<u32, ReplyOr
     Ok(cursor)
 }
 
+/// What a window's thread has to know of it.
+struct Own {
+    raw: u32,
+    root: u32,
+    atoms: Atoms,
+    /// The monitor that it has to stay on.
+    place: Option<(String, Rectangle)>,
+}
+
+impl Own {
+    /// Whether its monitor is where it was. A window that the server has put elsewhere would light another projector's props.
+    fn is_in_place(&self, connection: &XCBConnection) -> bool {
+        let Some((name, place)) = &self.place else { return true };
+        // A server that does not say is heard again soon.
+        let Ok(monitors) = monitors(connection, self.root) else { return true };
+        let sides = |of: &Rectangle| (of.x, of.y, of.width, of.height);
+        monitors.iter().any(|monitor| monitor.name == *name && sides(&monitor.rectangle) == sides(place))
+    }
+}
+
 /// Hears the server until the window, or the server, is gone.
-fn listen(connection: &XCBConnection, raw: u32, atoms: &Atoms, heard: &Heard) {
+fn listen(connection: &XCBConnection, own: &Own, heard: &Heard) {
+    let Own { raw, atoms, .. } = own;
+    let raw = *raw;
+    let mut looked = Instant::now();
     while !heard.is_stopping() {
+        // Servers do not tell of all that happens to monitors.
+        if own.place.is_some() && looked.elapsed() > LOOK {
+            looked = Instant::now();
+            if !own.is_in_place(connection) {
+                return heard.lose("its monitor has gone, or stands elsewhere");
+            }
+        }
         loop {
             match connection.poll_for_event() {
                 Ok(None) => break,
