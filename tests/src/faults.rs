@@ -43,6 +43,9 @@ pub const NO_SURFACE: Failure = Failure { name: "ERROR_SURFACE_LOST_KHR", number
 /// `VK_ERROR_OUT_OF_DATE_KHR`.
 pub const OUTDATED: Failure = Failure { name: "ERROR_OUT_OF_DATE_KHR", number: -1_000_001_004 };
 
+/// `VK_SUBOPTIMAL_KHR`: the call does what it should.
+pub const SUBOPTIMAL: Failure = Failure { name: "SUBOPTIMAL_KHR", number: 1_000_001_003 };
+
 /// A call that is to fail.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {

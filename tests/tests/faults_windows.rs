@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use lantern_tests::client::Client;
 use lantern_tests::desktops::{Desktop, Xvfb};
 use lantern_tests::faults::{
-    self, Failure, Fault, Faults, HUNG, LOST, NO_DEVICE_MEMORY, NO_HOST_MEMORY, NO_SURFACE, OUTDATED,
+    self, Failure, Fault, Faults, HUNG, LOST, NO_DEVICE_MEMORY, NO_HOST_MEMORY, NO_SURFACE, OUTDATED, SUBOPTIMAL,
 };
 use lantern_tests::harness::Daemon;
 use lantern_tests::lab;
@@ -19,10 +19,13 @@ use serde_json::json;
 /// A window that was lost is tried again once a second; nothing takes longer, even beside other tests.
 const LIMIT: Duration = Duration::from_secs(30);
 
+/// Frames that a window shows in turn.
+const PICTURES: u32 = 20;
+
 /// Calls of a window that is there, and how each may fail.
 const SHOWING: [(&str, &[Failure]); 3] = [
-    ("vkAcquireNextImageKHR", &[OUTDATED, NO_SURFACE, LOST]),
-    ("vkQueuePresentKHR", &[OUTDATED, NO_SURFACE, LOST]),
+    ("vkAcquireNextImageKHR", &[OUTDATED, NO_SURFACE, LOST, SUBOPTIMAL]),
+    ("vkQueuePresentKHR", &[OUTDATED, NO_SURFACE, LOST, SUBOPTIMAL]),
     ("vkQueueSubmit2", &[NO_HOST_MEMORY]),
 ];
 
@@ -138,6 +141,37 @@ fn a_window_whose_calls_fail_comes_back_and_takes_nothing_with_it() {
         opened.insert(call);
     }
     assert_eq!(opened.len(), OPENING.len());
+    assert_eq!(client.status().unwrap()["device"]["validation_messages"], 0);
+    assert!(daemon.stop().unwrap().success());
+}
+
+#[test]
+fn a_surface_that_goes_on_being_less_than_the_best_gets_no_swapchain_for_each_picture() {
+    let x11 = Xvfb::start(lab::SIZE_PX.to_array()).unwrap();
+    let folder = Arc::new(tempfile::tempdir().unwrap());
+    let mut daemon: Daemon = faults::start(&folder, &room(&x11, 0), None).unwrap().unwrap();
+    let mut faults = Faults::connect(folder.path()).unwrap();
+    let mut client = daemon.client().unwrap();
+    shows(&mut client, &x11, "at the start");
+    for (turn, call) in ["vkAcquireNextImageKHR", "vkQueuePresentKHR"].into_iter().enumerate() {
+        let fault = Fault::from_then_on(call, 1, SUBOPTIMAL);
+        let started = Instant::now();
+        faults.arm(&fault).unwrap();
+        for nth in 1..=PICTURES {
+            let at_m = [0.01 * f64::from(nth), 0.4 + 0.1 * turn as f64, 0.0];
+            let edit = json!([{"set": {"node": "ball", "translation_m": at_m}}]);
+            client.ask_ok("scene.apply", json!({"edits": edit, "durable": false})).unwrap();
+        }
+        shows(&mut client, &x11, &fault.to_string());
+        let report = faults.report().unwrap();
+        let calls = |name: &str| report.counts.get(name).copied().unwrap_or(0);
+        // One a second, the first of them at once.
+        let (made, at_most) = (calls("vkCreateSwapchainKHR"), started.elapsed().as_secs() + 1);
+        assert!(report.fired >= u64::from(PICTURES) && calls("vkQueuePresentKHR") >= u64::from(PICTURES), "{report:?}");
+        assert!(made <= at_most, "{fault}: {made} swapchains, and not {at_most} at most");
+    }
+    faults.clear().unwrap();
+    assert_eq!(client.status().unwrap()["device"]["lost"], 0);
     assert_eq!(client.status().unwrap()["device"]["validation_messages"], 0);
     assert!(daemon.stop().unwrap().success());
 }

@@ -1,7 +1,7 @@
 //! The images of a surface, shown one after the other.
 
 use std::sync::{Arc, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ash::{ext, khr, vk};
 
@@ -17,6 +17,10 @@ use crate::surface::{Pixels, Surface};
 
 /// How long whatever is shown may hold up the end of a swapchain.
 const PATIENCE: Duration = Duration::from_secs(2);
+
+/// How often a surface that calls its swapchain less than the best gets another one, where nothing else has changed: making one waits
+/// for the queue, and does not always help.
+const BETTER_AFTER: Duration = Duration::from_secs(1);
 
 /// What a swapchain is to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,10 +57,13 @@ pub struct Swapchain {
     size_px: [u32; 2],
     format: ImageFormat,
     pixels: Pixels,
+    /// What the surface wanted when it was made, and when that was.
+    made_for: Wanted,
+    made: Instant,
     /// Where presentation can be waited for.
     wait: Option<khr::present_wait::Device>,
     last_id: u64,
-    /// Whether an image was taken and never shown.
+    /// Whether nothing more can be shown by it: an image was taken and never shown, or the surface is better served by another.
     broken: bool,
     name: String,
 }
@@ -85,7 +92,8 @@ impl Swapchain {
         }
         surface.check_family(handle, device.queues[queue].family)?;
         let capabilities = surface.capabilities(handle)?;
-        let extent = extent(&capabilities, surface.size_px());
+        let made_for = Wanted::of(&capabilities, surface.size_px());
+        let extent = made_for.extent;
         if extent.width == 0 || extent.height == 0 {
             return Ok(None);
         }
@@ -166,6 +174,8 @@ impl Swapchain {
             size_px,
             format,
             pixels,
+            made_for,
+            made: Instant::now(),
             wait: wait.then(|| khr::present_wait::Device::new(handle.instance.raw(), &handle.raw)),
             last_id: 0,
             broken: false,
@@ -231,13 +241,19 @@ impl Swapchain {
         match shown {
             Ok(suboptimal_now) => {
                 self.last_id = id;
-                // It was shown, if not in the best way; the next one comes from another swapchain.
-                self.broken = suboptimal || suboptimal_now;
+                // It was shown, if not in the best way.
+                self.broken = (suboptimal || suboptimal_now) && self.could_be_better(&chain.surface)?;
                 Ok(Shown::Yes(id))
             }
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(Shown::Outdated),
             Err(result) => Err(chain.surface.refusal("showing an image of", result)),
         }
+    }
+
+    /// Whether another swapchain may serve a surface better that has just said so of this one.
+    fn could_be_better(&self, surface: &Surface) -> Result<bool, GpuError> {
+        let wanted = Wanted::of(&surface.capabilities(self.device.handle())?, surface.size_px());
+        Ok(wanted != self.made_for || self.made.elapsed() >= BETTER_AFTER)
     }
 
     fn present(&self, chain: &RawSwapchain, index: usize, id: u64) -> Result<bool, vk::Result> {
@@ -290,6 +306,19 @@ impl Drop for Swapchain {
         if let Err(error) = self.device.release().collect() {
             tracing::debug!(%error, "what was shown last is kept until the device is closed");
         }
+    }
+}
+
+/// What a surface wants of its images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Wanted {
+    extent: vk::Extent2D,
+    transform: vk::SurfaceTransformFlagsKHR,
+}
+
+impl Wanted {
+    fn of(capabilities: &vk::SurfaceCapabilitiesKHR, size_px: [u32; 2]) -> Wanted {
+        Wanted { extent: extent(capabilities, size_px), transform: capabilities.current_transform }
     }
 }
 

@@ -74,8 +74,9 @@ unsafe fn pass<H: Dispatched>(id: usize, handle: H, next: impl FnOnce(Function) 
     match fate(call, wanted, &below, function) {
         Fate::Goes(function) => next(function),
         Fate::GoesAndSays(function, result) => {
-            let _ = next(function);
-            result
+            let real = next(function);
+            // Only what went well can have gone less than well.
+            if result == vk::Result::SUBOPTIMAL_KHR && real != vk::Result::SUCCESS { real } else { result }
         }
         Fate::Fails(result) => result,
     }
