@@ -90,8 +90,8 @@ impl Gathered {
         );
     }
 
-    /// Adds the hand-over of a buffer from a family of queues to other processes, after what `before` asks for.
-    pub(crate) fn add_release(&mut self, buffer: vk::Buffer, family: u32, before: &Before) {
+    /// Adds the hand-over of a buffer from a family of queues to the one that stands for other processes, after what `before` asks for.
+    pub(crate) fn add_release(&mut self, buffer: vk::Buffer, [family, importers]: [u32; 2], before: &Before) {
         let mut first = AccessSet::default();
         for &(accesses, _) in &before.here {
             first.insert(accesses);
@@ -105,7 +105,7 @@ impl Gathered {
                 .dst_stage_mask(dst_stages)
                 .dst_access_mask(dst_access)
                 .src_queue_family_index(family)
-                .dst_queue_family_index(vk::QUEUE_FAMILY_EXTERNAL)
+                .dst_queue_family_index(importers)
                 .buffer(buffer)
                 .size(vk::WHOLE_SIZE),
         );

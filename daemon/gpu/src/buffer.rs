@@ -137,6 +137,8 @@ pub struct Buffer {
     pub(crate) view: vk::BufferView,
     pub(crate) device: Arc<DeviceHandle>,
     pub(crate) history: Mutex<History>,
+    /// Of exported memory: the family of queues that stands for whoever imported it.
+    pub(crate) importers: Option<u32>,
     memory: Option<Memory>,
     name: String,
     kind: BufferKind,
@@ -186,6 +188,7 @@ impl Buffer {
             view: vk::BufferView::null(),
             device: Arc::clone(device),
             history: Mutex::default(),
+            importers: None,
             memory: None,
             name: name.into(),
             kind,
@@ -204,7 +207,8 @@ impl Buffer {
         Ok(Arc::new(buffer))
     }
 
-    /// A storage buffer whose memory can be exported as `handle`, with the memory's type and whether it is the buffer's alone.
+    /// A storage buffer whose memory can be exported as `handle`, to processes that a family of queues stands for, with the memory's type
+    /// and whether it is the buffer's alone.
     ///
     /// # Errors
     /// As for [`Buffer::new`], and [`GpuError::Unsupported`].
@@ -212,10 +216,12 @@ impl Buffer {
         device: &Arc<DeviceHandle>,
         name: &str,
         bytes: u64,
-        handle: vk::ExternalMemoryHandleTypeFlags,
+        (handle, importers): (vk::ExternalMemoryHandleTypeFlags, u32),
     ) -> Result<(Arc<Buffer>, Lent), GpuError> {
         let kind = BufferKind::Storage;
-        let raw_bytes = bytes.checked_next_multiple_of(4).ok_or_else(|| GpuError::misuse(name, "too many bytes"))?;
+        let raw_bytes = bytes
+            .checked_next_multiple_of(external::PAGE_BYTES)
+            .ok_or_else(|| GpuError::misuse(name, "too many bytes"))?;
         kind.check(name, bytes, raw_bytes, &device.limits)?;
         let alone = external::is_exportable(device, name, kind.usage(), handle)?;
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle);
@@ -237,6 +243,7 @@ impl Buffer {
             view: vk::BufferView::null(),
             device: Arc::clone(device),
             history: Mutex::default(),
+            importers: Some(importers),
             memory: None,
             name: name.into(),
             kind,

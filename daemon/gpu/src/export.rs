@@ -1,20 +1,19 @@
-//! Memory and timelines that other processes import, as file descriptors.
+//! Memory that other processes import, as file descriptors.
 //!
 //! A buffer is exported rather than an image, since its layout is known to whoever reads it: rows of bytes. Where a device exports
 //! dma-bufs, such a buffer can also be imported as a linear image, or by another interface than Vulkan.
 
 use std::os::fd::{FromRawFd, OwnedFd};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::{khr, vk};
 
 use crate::buffer::Buffer;
+use crate::command::Recorder;
 use crate::device::Device;
 use crate::error::GpuError;
 use crate::external::Lent;
-use crate::handle::DeviceHandle;
-use crate::optional::TIMELINE_HANDLE;
+use crate::optional::Optional;
 
 /// What kind of descriptor stands for memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,6 +29,15 @@ impl HandleKind {
         match self {
             HandleKind::OpaqueFd => vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD,
             HandleKind::DmaBuf => vk::ExternalMemoryHandleTypeFlags::DMA_BUF_EXT,
+        }
+    }
+
+    /// The family of queues that stands for whoever has imported such memory. The same driver is EXTERNAL; what may be any driver and
+    /// any device is FOREIGN, where that may be said.
+    pub(crate) fn family(self, optional: Optional) -> u32 {
+        match self {
+            HandleKind::DmaBuf if optional.foreign => vk::QUEUE_FAMILY_FOREIGN_EXT,
+            HandleKind::OpaqueFd | HandleKind::DmaBuf => vk::QUEUE_FAMILY_EXTERNAL,
         }
     }
 }
@@ -69,14 +77,18 @@ impl Device {
     }
 
     /// Makes a storage buffer of `bytes` bytes whose memory another process can import. Its memory is the device's own, and the
-    /// importer can write to it: nothing may be in it that is read back and trusted.
+    /// importer can write to it: nothing may be in it that is read back and trusted. It holds zeroes, and the host has waited for
+    /// these: memory comes with what others have left there, which is nobody's to see.
     ///
     /// # Errors
-    /// As for [`Buffer::new`], and [`GpuError::Unsupported`].
-    pub fn export_buffer(&self, name: &str, bytes: u64, kind: HandleKind) -> Result<Exported, GpuError> {
+    /// As for [`Buffer::new`], [`GpuError::Unsupported`], and those of [`Submission::wait`](crate::Submission::wait).
+    pub fn export_buffer(self: &Arc<Self>, name: &str, bytes: u64, kind: HandleKind) -> Result<Exported, GpuError> {
         self.must_export(kind)?;
         let handle = self.handle();
-        let (buffer, lent) = Buffer::exported(handle, name, bytes, kind.raw())?;
+        let (buffer, lent) = Buffer::exported(handle, name, bytes, (kind.raw(), kind.family(handle.optional)))?;
+        let mut recorder = Recorder::new(self, 0, name)?;
+        recorder.fill(&buffer, 0)?;
+        self.submit(recorder.finish()?, &[])?.wait(self.hung_after())?;
         let loader = khr::external_memory_fd::Device::new(handle.instance.raw(), &handle.raw);
         let info = vk::MemoryGetFdInfoKHR::default().memory(lent.object).handle_type(kind.raw());
         // SAFETY: the extension is enabled; the memory was made to be exported so, and lives as long as the buffer.
@@ -87,71 +99,6 @@ impl Device {
         let Lent { memory_bytes, memory_type, alone, buffer_bytes, usage, .. } = lent;
         Ok(Exported { buffer, memory, memory_bytes, memory_type, alone, buffer_bytes, usage })
     }
-
-    /// Makes a timeline that another process can import, with its descriptor; None on a device that exports none.
-    ///
-    /// # Errors
-    /// What the driver says.
-    pub fn export_timeline(&self, name: &str) -> Result<Option<(Arc<SharedTimeline>, OwnedFd)>, GpuError> {
-        let handle = self.handle();
-        if !handle.optional.timeline_fd {
-            return Ok(None);
-        }
-        let refused = |result| GpuError::vulkan(format!("exporting the timeline {name:?}"), result);
-        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
-        let mut export = vk::ExportSemaphoreCreateInfo::default().handle_types(TIMELINE_HANDLE);
-        let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind).push_next(&mut export);
-        // SAFETY: timelines are enabled on every device that is opened, and this one was seen to export them; the new object is
-        // named before anyone else has it.
-        let raw = unsafe {
-            let raw = handle.raw.create_semaphore(&info, None).map_err(refused)?;
-            handle.naming.name(raw, name);
-            raw
-        };
-        let timeline = Arc::new(SharedTimeline { raw, device: Arc::clone(handle), last: AtomicU64::new(0) });
-        let loader = khr::external_semaphore_fd::Device::new(handle.instance.raw(), &handle.raw);
-        let info = vk::SemaphoreGetFdInfoKHR::default().semaphore(raw).handle_type(TIMELINE_HANDLE);
-        // SAFETY: the extension is enabled, and the semaphore was made to be exported so.
-        let fd = unsafe { loader.get_semaphore_fd(&info) }.map_err(refused)?;
-        // SAFETY: each descriptor that Vulkan gives is its caller's own.
-        Ok(Some((timeline, unsafe { OwnedFd::from_raw_fd(fd) })))
-    }
-}
-
-/// A timeline semaphore that another process has imported. It only counts up; what the importer does to it concerns the importer
-/// alone, since nothing here waits for it.
-pub struct SharedTimeline {
-    raw: vk::Semaphore,
-    device: Arc<DeviceHandle>,
-    last: AtomicU64,
-}
-
-impl std::fmt::Debug for SharedTimeline {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "SharedTimeline({})", self.last.load(Ordering::Relaxed))
-    }
-}
-
-impl SharedTimeline {
-    pub(crate) fn raw(&self) -> vk::Semaphore {
-        self.raw
-    }
-
-    pub(crate) fn device(&self) -> &Arc<DeviceHandle> {
-        &self.device
-    }
-
-    /// The value of the next hand-over.
-    pub(crate) fn next(&self) -> u64 {
-        self.last.fetch_add(1, Ordering::Relaxed) + 1
-    }
-}
-
-impl Drop for SharedTimeline {
-    fn drop(&mut self) {
-        // SAFETY: submissions in flight keep it by Arc, so that no queue uses it any more.
-        unsafe { self.device.raw.destroy_semaphore(self.raw, None) };
-    }
 }
 
 #[cfg(test)]
@@ -159,10 +106,10 @@ mod tests {
     use super::*;
     use crate::buffer::BufferKind;
     use crate::cache::PipelineCache;
-    use crate::command::Recorder;
+    use crate::external::PAGE_BYTES;
     use crate::families;
+    use crate::handle::DeviceHandle;
     use crate::instance::{Instance, Validation};
-    use crate::optional::Optional;
     use crate::queue::Queue;
     use crate::select;
     use std::sync::Mutex;
@@ -176,6 +123,10 @@ mod tests {
         assert!(exported.memory_bytes >= 4096 && rustix::fs::fstat(&exported.memory).is_ok());
         let timeline = device.export_timeline("exported").unwrap().map(|(timeline, _)| timeline);
         let back = Buffer::new(&device, "back", BufferKind::Readback, 4096).unwrap();
+        // Another buffer's is not handed out.
+        let mut recorder = Recorder::new(&device, 0, "no picture").unwrap();
+        assert!(matches!(recorder.hand_out(&back, None), Err(GpuError::Misuse { .. })));
+        drop(recorder);
         for turn in 1..5u32 {
             let mut recorder = Recorder::new(&device, 0, "picture").unwrap();
             recorder.fill(&exported.buffer, turn).unwrap();
@@ -190,6 +141,42 @@ mod tests {
     }
 
     #[test]
+    fn what_is_handed_out_holds_nothing_that_others_left() {
+        let instance = Instance::new(Validation::On).unwrap();
+        let device = Device::open(&instance, None, 1, None).unwrap();
+        const BYTES: u64 = 100_000;
+        for _ in 0..4 {
+            let Exported { buffer, memory, memory_bytes, buffer_bytes, .. } =
+                device.export_buffer("exported", BYTES, HandleKind::OpaqueFd).unwrap();
+            // Whatever an importer can see, beyond what was asked for too.
+            assert!(buffer_bytes.is_multiple_of(PAGE_BYTES) && memory_bytes == buffer_bytes, "{memory_bytes} bytes");
+            let all = Buffer::new(&device, "all", BufferKind::Readback, BYTES).unwrap();
+            let mut recorder = Recorder::new(&device, 0, "look").unwrap();
+            recorder.copy_buffer(&buffer, 0, &all, 0, BYTES).unwrap();
+            // The next one may get the same memory.
+            recorder.fill(&buffer, u32::MAX).unwrap();
+            device.submit(recorder.finish().unwrap(), &[]).unwrap().wait(Duration::from_secs(60)).unwrap();
+            assert!(all.read(0, BYTES).unwrap().iter().all(|byte| *byte == 0));
+            drop(memory);
+        }
+        drop(device);
+        assert_eq!(instance.validation_messages(), Vec::<String>::new());
+    }
+
+    #[test]
+    fn another_driver_is_foreign_where_that_can_be_said() {
+        let (without, with) = (Optional::default(), Optional { foreign: true, ..Optional::default() });
+        for (kind, optional, family) in [
+            (HandleKind::OpaqueFd, without, vk::QUEUE_FAMILY_EXTERNAL),
+            (HandleKind::OpaqueFd, with, vk::QUEUE_FAMILY_EXTERNAL),
+            (HandleKind::DmaBuf, without, vk::QUEUE_FAMILY_EXTERNAL),
+            (HandleKind::DmaBuf, with, vk::QUEUE_FAMILY_FOREIGN_EXT),
+        ] {
+            assert_eq!(kind.family(optional), family, "{kind:?}");
+        }
+    }
+
+    #[test]
     fn a_device_without_the_extensions_refuses_by_their_names() {
         let instance = Instance::new(Validation::On).unwrap();
         let info = select::choose(&instance.devices().unwrap(), None).unwrap().clone();
@@ -201,9 +188,9 @@ mod tests {
             Arc::get_mut(&mut handle).unwrap().optional = optional;
             let queues = Queue::all(&handle, family.index, 1).unwrap();
             let (cache, release) = (PipelineCache::open(&handle, None).unwrap(), Arc::default());
-            Device { handle, queues, projector_queues: 1, release, cache, work: Mutex::default() }
+            Arc::new(Device { handle, queues, projector_queues: 1, release, cache, work: Mutex::default() })
         };
-        let words = |device: &Device, kind| device.export_buffer("exported", 4096, kind).unwrap_err().to_string();
+        let words = |device: &Arc<Device>, kind| device.export_buffer("exported", 4096, kind).unwrap_err().to_string();
         let device = with(Optional { memory_fd: true, ..Optional::default() });
         assert!(device.must_export(HandleKind::OpaqueFd).is_ok() && device.export_timeline("one").unwrap().is_none());
         let no_dma_buf = words(&device, HandleKind::DmaBuf);

@@ -8,6 +8,10 @@ use crate::error::GpuError;
 use crate::handle::DeviceHandle;
 use crate::memory::Memory;
 
+/// Exported buffers end with one of these, bytes: what drivers take memory from the kernel in is no larger, so that nothing lies behind a
+/// buffer in its memory that it could not fill.
+pub(crate) const PAGE_BYTES: u64 = 64 << 10;
+
 /// What an importer has to say of a buffer, and the memory, which has no descriptor yet; see `Exported`.
 pub(crate) struct Lent {
     pub(crate) object: vk::DeviceMemory,

@@ -21,6 +21,8 @@ pub(crate) struct Optional {
     pub(crate) memory_fd: bool,
     /// `VK_EXT_external_memory_dma_buf`: the same, for whoever speaks another language than Vulkan.
     pub(crate) dma_buf: bool,
+    /// `VK_EXT_queue_family_foreign`: buffers may be handed over to whoever speaks another language than Vulkan.
+    pub(crate) foreign: bool,
     /// `VK_KHR_external_semaphore_fd`, for timelines.
     pub(crate) timeline_fd: bool,
 }
@@ -42,6 +44,7 @@ impl Optional {
         let exports = Optional {
             memory_fd,
             dma_buf: memory_fd && has(ext::external_memory_dma_buf::NAME),
+            foreign: memory_fd && has(ext::queue_family_foreign::NAME),
             timeline_fd: has(khr::external_semaphore_fd::NAME) && exports_timelines(instance, device),
             ..Optional::default()
         };
@@ -94,6 +97,9 @@ impl Optional {
         }
         if self.dma_buf {
             all.push(ext::external_memory_dma_buf::NAME);
+        }
+        if self.foreign {
+            all.push(ext::queue_family_foreign::NAME);
         }
         if self.timeline_fd {
             all.push(khr::external_semaphore_fd::NAME);

@@ -159,11 +159,15 @@ impl Output for ExportOutput {
             images.push(exported.buffer);
             descriptors.push(exported.memory);
         }
-        let mut timeline = None;
-        if let Some((made, descriptor)) = self.device.export_timeline(&name)? {
-            timeline = Some(made);
+        // Whoever takes a dma-buf need not be Vulkan, nor the same driver, which alone could wait for a timeline.
+        let timeline = match kind {
+            HandleKind::OpaqueFd => self.device.export_timeline(&name)?,
+            HandleKind::DmaBuf => None,
+        };
+        let timeline = timeline.map(|(timeline, descriptor)| {
             descriptors.push(descriptor);
-        }
+            timeline
+        });
         let plane = |format: &str, offset| ExportPlane { format: format.into(), offset, row_pitch: layout.row_pitch };
         let info = self.device.info();
         let opened = ExportOpened {

@@ -7,7 +7,7 @@ use crate::access::{Access, AccessSet};
 use crate::barrier::Gathered;
 use crate::buffer::Buffer;
 use crate::error::GpuError;
-use crate::export::SharedTimeline;
+use crate::shared_timeline::SharedTimeline;
 
 impl Recorder {
     /// Ends this recording's work on an exported buffer: from then on it is with the process that imported it. What it holds after
@@ -17,7 +17,8 @@ impl Recorder {
     /// whoever imported it waits there. Without one the host has to wait and then to tell.
     ///
     /// # Errors
-    /// [`GpuError::OtherDevice`], and [`GpuError::Misuse`] where the recording signals such a timeline already.
+    /// [`GpuError::OtherDevice`], and [`GpuError::Misuse`] for a buffer that was not exported, or where the recording signals such a
+    /// timeline already.
     pub fn hand_out(
         &mut self,
         buffer: &Arc<Buffer>,
@@ -31,6 +32,9 @@ impl Recorder {
         if timeline.is_some() && self.recording.shared.is_some() {
             return Err(GpuError::misuse(&self.recording.name, "a recording signals one shared timeline at most"));
         }
+        let Some(importers) = buffer.importers else {
+            return Err(GpuError::misuse(buffer.name(), "its memory was not exported"));
+        };
         let family = self.device().queues[self.recording.ticket.queue].family;
         self.operation += 1;
         let mut history = buffer.history.lock().unwrap_or_else(PoisonError::into_inner);
@@ -38,7 +42,7 @@ impl Recorder {
         let before = history.note(&self.recording.ticket, self.operation, external, None);
         drop(history);
         let mut gathered = Gathered::default();
-        gathered.add_release(buffer.raw, family, &before);
+        gathered.add_release(buffer.raw, [family, importers], &before);
         self.depend(before.tickets);
         self.flush(gathered);
         self.keep(buffer);

@@ -6,8 +6,8 @@ use ash::vk;
 
 use crate::device::{Device, Work};
 use crate::encoder::Encoder;
-use crate::export::SharedTimeline;
 use crate::release::Kept;
+use crate::shared_timeline::SharedTimeline;
 use crate::ticket::{Phase, Ticket};
 use crate::timestamp::Span;
 
