@@ -9,6 +9,8 @@
 #include "include/hits.glsl"
 #include "include/live.glsl"
 
+#include "include/waiting.glsl"
+
 #define LOOK_ACCESS
 #include "include/look.glsl"
 
@@ -27,21 +29,13 @@ layout(std430, binding = 28) readonly buffer Live {
 // One sample stands for its pixel: the one nearest to the middle.
 layout(constant_id = 5) const uint ONE_FOR_ALL = 0u;
 
-// A sample follows at most this many rays, and none that carries less than this.
-const uint MAX_RAYS = 24u;
-const float MIN_THROUGHPUT = 1.0 / 256.0;
-// Shadow rays of one surface wait together.
-const uint MAX_LIGHTS = 32u;
+// Whether a virtual thing is looked for on the eye's way to the point before the point is.
+const bool LOOKS_FIRST = VIRTUAL != 0u && EYE_AT_PROJECTOR == 0u;
 
 // What a turn of the loop begins with.
-const int START = 0;     // the lit point of the next sample
-const int FOLLOW = 1;    // a waiting ray
-const int SEARCH = 2;    // the line of sight, on which a virtual thing may stand before the point
-const int TAKE_BACK = 3; // the point once more: what the eye-independent pass has put there is hidden by a virtual thing
-
-// What a ray is sent for.
-const uint FOR_LOOK = 0u;    // the look of what it meets
-const uint FOR_LIGHT = 1u;   // whether a light is seen
+const int FOLLOW = 0;    // a waiting ray
+const int SEARCH = 1;    // the line of sight, on which a virtual thing may stand before the point
+const int TAKE_BACK = 2; // the point once more: what the eye-independent pass has put there is hidden by a virtual thing
 
 // A surface as a ray sees it.
 struct Sight {
@@ -53,17 +47,6 @@ struct Sight {
     bool inside;           // the ray is about to leave a body that refracts
     bool is_point;         // the projector's point, whose diffuse light and emission another pass has
     bool takes_back;       // the same, to be taken back
-};
-
-struct Waiting {
-    vec3 origin;
-    vec3 direction;
-    vec3 throughput;  // toward a light: what it brings where nothing stands between
-    vec3 along;       // absorption of the body that the ray travels in, 1/m; toward a light: transmittance so far
-    float t_min;
-    float t_max;
-    uint depth;
-    uint purpose;
 };
 
 // The nearest viewer that stands in front of the surface; false where none does.
@@ -78,18 +61,6 @@ bool viewer_of(Surface s, out vec3 eye) {
         }
     }
     return nearest < 3.0e38;
-}
-
-Waiting waiting[MAX_RAYS + MAX_LIGHTS];
-uint waiting_count;
-uint rays_made;
-
-void follow(Waiting w) {
-    if (w.depth > setup.max_depth || rays_made >= MAX_RAYS || max(w.throughput.x, max(w.throughput.y, w.throughput.z)) < MIN_THROUGHPUT) {
-        return;
-    }
-    waiting[waiting_count++] = w;
-    ++rays_made;
 }
 
 // The direction in which a lobe sends the ray that arrived along −v, and the share that masking leaves; black below the surface.
@@ -129,45 +100,59 @@ vec3 shade(Sight sight, uvec2 pixel, uint s_index) {
     vec3 outside_origin = offset_origin(s.position, s.normal_geometric);
 
     // The coat reflects first; the specular lobe below it gets the rest.
-    float coat = s.clearcoat > 0.0 && !inside && !sight.takes_back ? s.clearcoat * fresnel_dielectric(n_v, 1.5) : 0.0;
+    float coat = COATED != 0u && s.clearcoat > 0.0 && !inside && !sight.takes_back ? s.clearcoat * fresnel_dielectric(n_v, 1.5) : 0.0;
 
     // Reflection by the base layer.
+    LookRay ray;
+    ray.depth = sight.depth + 1u;
+    ray.origin = outside_origin;
+    ray.absorption_per_m = sight.absorption_per_m;
     vec3 below = throughput * (1.0 - coat);
     vec3 f = base_fresnel(s, n_v, inside);
     if (!sight.takes_back && max(f.x, max(f.y, f.z)) > 0.0) {
         float share, cos_i;
-        vec3 d = lobe_direction(s, v, s.roughness, pixel, s_index, share, cos_i);
+        ray.direction = lobe_direction(s, v, s.roughness, pixel, s_index, share, cos_i);
         vec3 f_lobe = s.roughness >= MIRROR_ROUGHNESS ? base_fresnel(s, cos_i, inside) : f;
-        follow(Waiting(outside_origin, d, below * f_lobe * share, sight.absorption_per_m, 0.0, 3.0e38, sight.depth + 1u, FOR_LOOK));
-    }
-
-    // Reflection by the coat.
-    if (coat > 0.0) {
-        float share, cos_i;
-        vec3 d = lobe_direction(s, v, s.clearcoat_roughness, pixel, s_index, share, cos_i);
-        follow(Waiting(outside_origin, d, throughput * coat * share, sight.absorption_per_m, 0.0, 3.0e38, sight.depth + 1u, FOR_LOOK));
-    }
-
-    // Transmission: bent where the body is closed, straight through a thin sheet.
-    if (!sight.takes_back && s.transmission > 0.0) {
-        bool solid = s.thickness > 0.0;
-        float eta = inside ? 1.0 / s.ior : s.ior;
-        float reflected = fresnel_dielectric(n_v, solid ? eta : s.ior);
-        vec3 through = below * s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - reflected));
-        vec3 d = solid ? refract(-v, s.normal, 1.0 / eta) : -v;
-        if (dot(d, d) > 0.0) {
-            bool enters = solid && !inside;
-            follow(Waiting(offset_origin(s.position, -s.normal_geometric), normalize(d), through,
-                           enters ? s.absorption_per_m : (solid ? vec3(0.0) : sight.absorption_per_m), 0.0, 3.0e38, sight.depth + 1u,
-                           FOR_LOOK));
+        ray.throughput = below * f_lobe * share;
+        if (is_worth_following(ray)) {
+            next = ray;
+            has_next = true;
         }
     }
 
-    // Lights: one shadow ray each serves the diffuse part (not at the point: another pass has it) and the highlights. They wait on
-    // top, so that no other surface's are among them.
+    // Reflection by the coat.
+    bool reflects_twice = false;
+    LookRay by_coat = ray;
+    if (COATED != 0u && coat > 0.0) {
+        float share, cos_i;
+        by_coat.direction = lobe_direction(s, v, s.clearcoat_roughness, pixel, s_index, share, cos_i);
+        by_coat.throughput = throughput * coat * share;
+        reflects_twice = is_worth_following(by_coat);
+    }
+
+    // Transmission: bent where the body is closed, straight through a thin sheet.
+    bool passes = false;
+    LookRay passing = ray;
+    if (TRANSMISSIVE != 0u && !sight.takes_back && s.transmission > 0.0) {
+        bool solid = s.thickness > 0.0;
+        float eta = inside ? 1.0 / s.ior : s.ior;
+        float reflected = fresnel_dielectric(n_v, solid ? eta : s.ior);
+        passing.throughput = below * s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - reflected));
+        vec3 d = solid ? refract(-v, s.normal, 1.0 / eta) : -v;
+        if (dot(d, d) > 0.0) {
+            bool enters = solid && !inside;
+            passing.origin = offset_origin(s.position, -s.normal_geometric);
+            passing.direction = normalize(d);
+            passing.absorption_per_m = enters ? s.absorption_per_m : (solid ? vec3(0.0) : sight.absorption_per_m);
+            passes = is_worth_following(passing);
+        }
+    }
+    follow_besides(reflects_twice, by_coat, passes, passing);
+
+    // Lights: one shadow ray each serves the diffuse part (not at the point: another pass has it) and the highlights.
     vec3 diffuse = sight.is_point && !sight.takes_back ? vec3(0.0) : diffuse_color(s);
     bool has_lobe = !sight.takes_back && (specular_scale(s) > 0.0 && s.roughness >= MIRROR_ROUGHNESS ||
-                                          s.clearcoat > 0.0 && s.clearcoat_roughness >= MIRROR_ROUGHNESS);
+                                          COATED != 0u && s.clearcoat > 0.0 && s.clearcoat_roughness >= MIRROR_ROUGHNESS);
     if (!sight.is_point || sight.takes_back) {
         radiance += throughput * (under_coat(s) * s.emissive + diffuse * irradiance_over_pi(s.normal));
     }
@@ -175,22 +160,24 @@ vec3 shade(Sight sight, uvec2 pixel, uint s_index) {
     uint i = 0u;
     while (true) {
         if (i < light_count) {
-            Ray ray;
-            vec3 lux = unshadowed(light_of(i), s, outside_origin, ray);
-            vec3 l = ray.direction;
+            Ray to_light;
+            vec3 lux = unshadowed(light_of(i), s, outside_origin, to_light);
+            vec3 l = to_light.direction;
             vec3 response = diffuse * (max(dot(s.normal, l), 0.0) / PI);
             if (has_lobe) {
                 float v_h = max(dot(v, normalize(v + l)), 0.0);
                 response += (1.0 - coat) * highlight(s.normal, v, l, s.roughness, base_fresnel(s, v_h, inside));
-                response += s.clearcoat * highlight(s.normal, v, l, s.clearcoat_roughness, vec3(fresnel_dielectric(v_h, 1.5)));
+                if (COATED != 0u) {
+                    response += s.clearcoat * highlight(s.normal, v, l, s.clearcoat_roughness, vec3(fresnel_dielectric(v_h, 1.5)));
+                }
             }
             vec3 brings = throughput * lux * response;
             if (brings != vec3(0.0)) {
-                waiting[waiting_count++] = Waiting(ray.origin, l, brings, vec3(1.0), 0.0, ray.t_max, sight.depth, FOR_LIGHT);
+                ask(ShadowRay(outside_origin, l, to_light.t_max, brings));
                 ++shadow_rays_made;
             }
         }
-        if (++i >= light_count) {
+        if (MANY_LIGHTS == 0u || ++i >= light_count) {
             break;
         }
     }
@@ -200,87 +187,117 @@ vec3 shade(Sight sight, uvec2 pixel, uint s_index) {
 // What the eye sees of a sample beside its eye-independent light. `on`: instance and triangle that its primary ray met.
 vec3 look_of(uvec2 pixel, uint s_index, uvec2 on) {
     vec3 radiance = vec3(0.0);
-    vec3 eye = vec3(0.0); // that the point is shown to
-    vec3 point = vec3(0.0);
-    waiting_count = 0u;
-    rays_made = 0u;
+    begin_waiting();
 
-    // Every turn of this loop walks one ray, if any, and looks at one surface: the point itself, what the ray met, or the point once
-    // more. Rays of every kind share the turn's one walk, because a driver that runs both sides of a branch would make each lane
-    // wait for all kinds. The loop ends at its bottom, as traverse.glsl says.
-    int turn = START;
+    // The point, and the eye that it is shown to. Of the samples of a listed pixel some may land on what stays dark, or what looks the same
+    // to every eye.
+    Ray primary = sample_ray(pixel, s_index);
+    vec2 on_barycentric = meet_again(primary, on.x, on.y);
+    Sight sight;
+    sight.s = surface_at(on.x, on.y, on_barycentric);
+    sight.inside = turn_to(sight.s, primary.direction);
+    vec3 eye = vec3(0.0);
+    bool seen = viewer_of(sight.s, eye) && (sight.s.flags & ROLE_MASK) == 0u;
+    vec3 point = sight.s.position;
+    int turn = FOLLOW;
+    if (LOOKS_FIRST) {
+        turn = seen ? SEARCH : FOLLOW;
+    } else {
+        sight.v = EYE_AT_PROJECTOR == 0u ? normalize(eye - point) : -primary.direction;
+        sight.throughput = vec3(1.0);
+        sight.absorption_per_m = vec3(0.0);
+        sight.depth = 0u;
+        sight.is_point = true;
+        sight.takes_back = false;
+        if ((EYE_AT_PROJECTOR != 0u ? (sight.s.flags & ROLE_MASK) == 0u : seen) && depends_on_eye(sight.s)) {
+            radiance += shade(sight, pixel, s_index);
+        }
+    }
+
+    // Every turn of this loop walks one ray, if any, and looks at one surface: what the ray met, or the point once more. Rays of every
+    // kind share the turn's one walk, because a driver that runs both sides of a branch would make each lane wait for all kinds. What is
+    // done once for a sample stands above, and what waits and is next is in registers. The loop ends at its bottom, as traverse.glsl says.
     while (true) {
-        // The ray: one that waits, or the eye's way to the point.
-        Waiting w = Waiting(vec3(0.0), vec3(0.0, 0.0, 1.0), vec3(1.0), vec3(0.0), 0.0, -1.0, 0u, FOR_LOOK);
-        if (turn == FOLLOW) {
-            w = waiting[--waiting_count];
+        bool searches = LOOKS_FIRST && turn == SEARCH;
+        bool takes_back = LOOKS_FIRST && turn == TAKE_BACK;
+        bool for_light = !searches && !takes_back && shadow_count > 0u;
+        bool follows = !searches && !takes_back && shadow_count == 0u && has_next;
+        LookRay w = next;
+        Ray ray = Ray(w.origin, w.direction, 0.0, follows ? 3.0e38 : -1.0);
+        if (for_light) {
+            ray = Ray(shadow.origin, shadow.direction, shadow_from, shadow.t_max);
         }
-        bool searches = turn == SEARCH;
         if (searches) {
-            w.origin = eye;
-            w.direction = normalize(point - eye);
-            w.t_max = length(point - eye) * (1.0 - 1e-5);
+            ray = Ray(eye, normalize(point - eye), 0.0, length(point - eye) * (1.0 - 1e-5));
         }
-        bool for_light = w.purpose == FOR_LIGHT;
         Hit hit;
-        Ray ray = Ray(w.origin, w.direction, w.t_min, w.t_max);
         bool blocked = traverse(ray, searches ? ROLE_VIRTUAL : EVERYTHING, for_light ? SHADOW : CLOSEST, hit);
-        if (RECORD_RAYS != 0u && (turn == FOLLOW || searches)) {
+        if (RECORD_RAYS != 0u && (follows || for_light || searches)) {
             record_ray(for_light ? RAY_SHADOW : (searches ? RAY_VIRTUAL : RAY_SECONDARY), ray, hit);
         }
-        secondary_rays_made += (turn == FOLLOW && !for_light) || searches ? 1u : 0u;
+        secondary_rays_made += follows || searches ? 1u : 0u;
 
         // The surface that this turn is about. Where no virtual thing was met, the line of sight ends at the point.
         bool met = hit.instance != NO_INSTANCE;
-        bool at_point = turn != FOLLOW && !met;
-        Ray primary = sample_ray(pixel, s_index);
-        Sight sight;
-        uvec2 found = met ? uvec2(hit.instance, hit.triangle) : on;
-        vec2 barycentric = met ? hit.barycentric : meet_again(primary, found.x, found.y);
-        sight.s = surface_at(found.x, found.y, barycentric);
-        vec3 came = met ? w.direction : primary.direction;
+        bool at_point = (searches || takes_back) && !met;
+        vec3 came = ray.direction;
+        if (at_point) {
+            hit.instance = on.x;
+            hit.triangle = on.y;
+            hit.barycentric = on_barycentric;
+            came = primary.direction;
+        }
+        uint instance = met || at_point ? hit.instance : on.x;
+        sight.s = surface_at(instance, hit.triangle, hit.barycentric);
 
         // Light that a thing lets through goes on behind it, unbent.
+        bool goes_on = false;
         if (TRANSMISSIVE != 0u && for_light && met && !blocked) {
-            vec3 left = w.along * shadow_crossing(sight.s, came);
-            if (max(left.x, max(left.y, left.z)) > MIN_TRANSMITTANCE) {
-                waiting[waiting_count].along = left;
-                waiting[waiting_count].t_min = hit.t;
-                ++waiting_count;
-            }
+            shadow_left *= shadow_crossing(sight.s, came);
+            shadow_from = hit.t;
+            goes_on = max(shadow_left.x, max(shadow_left.y, shadow_left.z)) > MIN_TRANSMITTANCE;
         }
 
+        // What comes of it.
+        if (for_light && !met) {
+            radiance += shadow.brings * shadow_left;
+        }
+        if (follows && !met) {
+            radiance += w.throughput * environment_radiance(w.direction);
+        }
+        if (for_light && !goes_on) {
+            end_shadow();
+        }
+        if (follows) {
+            has_next = false;
+        }
         sight.inside = turn_to(sight.s, came);
-        bool seen = true;
-        if (turn == START) {
-            seen = viewer_of(sight.s, eye);
-            point = sight.s.position;
+        sight.v = at_point ? normalize(eye - sight.s.position) : -came;
+        sight.throughput = w.throughput;
+        sight.absorption_per_m = w.absorption_per_m;
+        if (TRANSMISSIVE != 0u) {
+            sight.throughput *= exp(-w.absorption_per_m * (met ? hit.t : 0.0));
         }
-        sight.v = at_point && EYE_AT_PROJECTOR == 0u ? normalize(eye - sight.s.position) : -came;
-        sight.throughput = turn == TAKE_BACK ? vec3(-1.0) : w.throughput * exp(-w.along * (met ? hit.t : 0.0));
-        sight.absorption_per_m = w.along;
         sight.depth = w.depth;
-        sight.is_point = at_point;
-        sight.takes_back = turn == TAKE_BACK;
-
-        // What comes of it. Of the samples of a listed pixel some may land on what stays dark, or what looks the same to every eye.
-        bool dark = (sight.s.flags & ROLE_MASK) != 0u;
-        bool eye_light = depends_on_eye(sight.s);
-        bool looks_first = turn == START && seen && !dark && setup.virtual_count > 0u && EYE_AT_PROJECTOR == 0u;
-        bool shades = met ? !for_light && !dark
-                          : turn == START && (EYE_AT_PROJECTOR != 0u || seen) && !dark && eye_light && !looks_first ||
-                                turn == TAKE_BACK || searches && eye_light;
-        if (turn == FOLLOW && !met) {
-            radiance += w.throughput * (for_light ? w.along : environment_radiance(w.direction));
+        if (searches || takes_back) {
+            sight.throughput = vec3(takes_back ? -1.0 : 1.0);
+            sight.absorption_per_m = vec3(0.0);
+            sight.depth = 0u;
         }
-        if (shades) {
+        sight.is_point = at_point;
+        sight.takes_back = takes_back;
+        bool dark = (sight.s.flags & ROLE_MASK) != 0u;
+        if (met ? !for_light && !dark : takes_back || searches && depends_on_eye(sight.s)) {
             radiance += shade(sight, pixel, s_index);
         }
 
         // What is next.
-        turn = looks_first ? SEARCH : (searches && met ? TAKE_BACK : FOLLOW);
-        if (waiting_count == 0u && turn == FOLLOW) {
-            break;
+        turn = searches && met ? TAKE_BACK : FOLLOW;
+        if (turn == FOLLOW) {
+            take_next();
+            if (!has_next && shadow_count == 0u) {
+                break;
+            }
         }
     }
     return radiance;

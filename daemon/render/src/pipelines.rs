@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use lantern_calibration::{Calibration, Optics};
 use lantern_gpu::{ComputePipeline, DepthTest, Device, GpuError, GraphicsDesc, GraphicsPipeline, ImageFormat};
-use lantern_scene::Scene;
+use lantern_scene::{Role, Scene};
 
 use crate::loads::Loads;
 use crate::settings::Settings;
@@ -31,6 +31,10 @@ const MAPPED: u32 = 11;
 
 /// Specialisation constant of `secondary.comp`: one sample of a pixel is shaded for all.
 const ONE_FOR_ALL: u32 = 5;
+/// Specialisation constants of `secondary.comp`: how a sample's rays may branch.
+const COATED: u32 = 6;
+const VIRTUAL: u32 = 7;
+const MANY_LIGHTS: u32 = 12;
 /// Specialisation constant of `primary.comp`: samples of a pixel that one invocation traces.
 const SAMPLES_TOGETHER: u32 = 4;
 
@@ -44,6 +48,31 @@ pub(crate) struct Features {
     own_lens: bool,
     any_lens: bool,
     mapped: bool,
+    trees: Trees,
+}
+
+/// What of a scene decides how the rays of a sample branch. `secondary.comp` alone is made for it, so that a scene's first coat, virtual
+/// thing or second light has no other shader made anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Trees {
+    coated: bool,
+    any_virtual: bool,
+    many_lights: bool,
+}
+
+impl Trees {
+    fn of(scene: &Scene) -> Self {
+        Self {
+            coated: scene.gpu_materials.iter().any(|m| m.clearcoat > 0.0),
+            any_virtual: has_virtual(scene),
+            many_lights: scene.lights.len() > 1,
+        }
+    }
+}
+
+/// Whether anything virtual is shown.
+pub(crate) fn has_virtual(scene: &Scene) -> bool {
+    scene.instances.iter().any(|instance| instance.visible && instance.role == Role::Virtual)
 }
 
 impl Features {
@@ -55,7 +84,13 @@ impl Features {
             own_lens: false,
             any_lens: false,
             mapped: false,
+            trees: Trees::of(scene),
         }
+    }
+
+    /// Whether the other's shaders differ in no more than how a sample's rays branch.
+    pub(crate) fn differ_in_trees_alone(&self, other: &Self) -> bool {
+        *self == Self { trees: self.trees, ..*other }
     }
 
     /// The same for a picture of such a projector, or of none, beside others of which any has a lens.
@@ -75,6 +110,7 @@ pub(crate) const ATTACHMENTS: &[ImageFormat] = &[ImageFormat::Rgba32Float, Image
 /// Formats of the ideal image behind a lens: instance and triangle.
 pub(crate) const SEEN: &[ImageFormat] = &[ImageFormat::R32Uint, ImageFormat::R32Uint];
 
+#[derive(Clone)]
 pub(crate) struct Pipelines {
     pub(crate) tiles: Arc<ComputePipeline>,
     /// Sample planes that one dispatch of `primary` writes: 1 or 4.
@@ -106,17 +142,12 @@ impl Pipelines {
     pub(crate) fn new(device: &Arc<Device>, settings: &Settings, features: Features) -> Result<Self, GpuError> {
         let count = (COUNT_RAYS, u32::from(settings.count_rays));
         let record = (RECORD_RAYS, u32::from(settings.record_rays));
-        let eye_at_projector = (EYE_AT_PROJECTOR, u32::from(settings.eye_at_projector));
         let textured = (TEXTURED, u32::from(features.textured));
         let transmissive = (TRANSMISSIVE, u32::from(features.transmissive));
         let own_lens = (OWN_LENS, u32::from(features.own_lens));
         let any_lens = (ANY_LENS, u32::from(features.any_lens));
         let compute = |shader, constants: &[(u32, u32)]| {
             ComputePipeline::new(device, features.loads.shader(shader, device.has_ray_queries()), constants)
-        };
-        let secondary = |one_for_all| {
-            let own = [eye_at_projector, count, record, textured, transmissive, own_lens, (ONE_FOR_ALL, one_for_all)];
-            compute(&shaders::SECONDARY_COMP, &own)
         };
         let graphics = |name, vertex, fragment, colors, depth_test, constants: &[(u32, u32)]| {
             GraphicsPipeline::new(
@@ -139,15 +170,16 @@ impl Pipelines {
             graphics(name, vertex, fragment, ATTACHMENTS, DepthTest::Less, &[textured, own_lens, any_lens])
         };
         let samples_together = samples_together(device, settings.walk.beams);
+        let [secondary_once, secondary_each] = secondary(device, settings, features)?;
         Ok(Self {
             tiles: compute(&shaders::TILES_COMP, &[own_lens])?,
             samples_together,
             primary: compute(&shaders::PRIMARY_COMP, &[count, record, own_lens, (SAMPLES_TOGETHER, samples_together)])?,
             light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive, own_lens])?,
             lists: compute(&shaders::LISTS_COMP, &[])?,
-            secondary_once: secondary(1)?,
+            secondary_once,
             refine: compute(&shaders::REFINE_COMP, &[])?,
-            secondary_each: secondary(0)?,
+            secondary_each,
             edges: compute(&shaders::EDGES_COMP, &[])?,
             blend: compute(&shaders::BLEND_COMP, &[count, record, textured, own_lens, any_lens])?,
             resolve: compute(&shaders::RESOLVE_COMP, &[(MAPPED, u32::from(features.mapped))])?,
@@ -159,6 +191,42 @@ impl Pipelines {
             warped: raster("warped", &shaders::COMPOSITE_VERT, &shaders::WARPED_FRAG)?,
         })
     }
+
+    /// The same for a scene that differs in how rays branch.
+    pub(crate) fn with_trees(
+        &self,
+        device: &Arc<Device>,
+        settings: &Settings,
+        features: Features,
+    ) -> Result<Self, GpuError> {
+        let [secondary_once, secondary_each] = secondary(device, settings, features)?;
+        Ok(Self { secondary_once, secondary_each, ..self.clone() })
+    }
+}
+
+/// The pass that follows the eye: one sample for all of a pixel's, and every sample.
+fn secondary(
+    device: &Arc<Device>,
+    settings: &Settings,
+    features: Features,
+) -> Result<[Arc<ComputePipeline>; 2], GpuError> {
+    let shader = features.loads.shader(&shaders::SECONDARY_COMP, device.has_ray_queries());
+    let make = |one_for_all| {
+        let constants = [
+            (EYE_AT_PROJECTOR, settings.eye_at_projector),
+            (COUNT_RAYS, settings.count_rays),
+            (RECORD_RAYS, settings.record_rays),
+            (TEXTURED, features.textured),
+            (TRANSMISSIVE, features.transmissive),
+            (OWN_LENS, features.own_lens),
+            (COATED, features.trees.coated),
+            (VIRTUAL, features.trees.any_virtual),
+            (MANY_LIGHTS, features.trees.many_lights),
+            (ONE_FOR_ALL, one_for_all),
+        ];
+        ComputePipeline::new(device, shader, &constants.map(|(id, on)| (id, u32::from(on))))
+    };
+    Ok([make(true)?, make(false)?])
 }
 
 /// Four where a core does an invocation's work: it then does most of it once for all four. One where thousands of invocations must be

@@ -8,14 +8,14 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use lantern_calibration::GpuFrustum;
 use lantern_gpu::{Buffer, BufferKind, Commands, Device, GpuError, Recorder, Submission};
-use lantern_scene::{Role, Scene, changes, moved};
+use lantern_scene::{Scene, changes, moved};
 
 use crate::catalogue::Catalogue;
 use crate::lenses::Lenses;
 use crate::loads::Loads;
 use crate::moved::{MovedBoxes, MovedTable};
 use crate::pattern::Pattern;
-use crate::pipelines::{Features, Pipelines};
+use crate::pipelines::{Features, Pipelines, has_virtual};
 use crate::present::Target;
 use crate::projector::Projector;
 use crate::readback::{self, Layer, LayerImage};
@@ -314,9 +314,13 @@ impl Renderer {
     /// Shows another revision, all of which is on the device.
     fn switch_to(&mut self, scene: Arc<Scene>) {
         let mut stale = stale_by(&changes(&self.scene, &scene));
-        if Features::of(&self.scene, self.loads) != Features::of(&scene, self.loads) {
+        let (before, after) = (Features::of(&self.scene, self.loads), Features::of(&scene, self.loads));
+        if before != after {
             self.rebind = true;
-            stale |= Change::Pipelines.makes_stale();
+            stale |= match before.differ_in_trees_alone(&after) {
+                true => Change::TreePipelines.makes_stale(),
+                false => Change::Pipelines.makes_stale(),
+            };
         }
         if has_virtual(&self.scene) != has_virtual(&scene) {
             stale |= Change::AnyVirtual.makes_stale();
@@ -630,7 +634,12 @@ impl Renderer {
         if let Some(made) = self.pipelines.get(&features) {
             return Ok(made.clone());
         }
-        let made = Arc::new(Pipelines::new(&self.device, &self.settings, features)?);
+        let (device, settings) = (&self.device, &self.settings);
+        let alike = self.pipelines.iter().find(|(made_for, _)| made_for.differ_in_trees_alone(&features));
+        let made = Arc::new(match alike {
+            Some((_, alike)) => alike.with_trees(device, settings, features)?,
+            None => Pipelines::new(device, settings, features)?,
+        });
         self.pipelines.insert(features, made.clone());
         Ok(made)
     }
@@ -661,10 +670,6 @@ impl Renderer {
         let of = room::View { frusta, scene: &self.scene, settings: &self.settings, environment_first, pictures };
         room::render(&self.device, &pipelines, &self.catalogue(), &of, eye, size_px)
     }
-}
-
-fn has_virtual(scene: &Scene) -> bool {
-    scene.instances.iter().any(|instance| instance.visible && instance.role == Role::Virtual)
 }
 
 /// When the passes of a submission ran, since the first of them all began.

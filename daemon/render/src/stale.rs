@@ -102,6 +102,8 @@ pub enum Change {
     MaterialOrLight,
     /// Shaders were made anew for what a scene has of textures and transmission, and may round otherwise.
     Pipelines,
+    /// The shader that follows the eye was made anew for how a scene's rays branch.
+    TreePipelines,
     /// The eye moved.
     Eye,
     /// A test pattern came or went.
@@ -120,7 +122,7 @@ impl Change {
             Self::AnyVirtual | Self::MaterialOrLight => (Nothing, Whole, true, Nothing),
             Self::Raster | Self::Pattern => (Nothing, Nothing, false, Nothing),
             Self::Pipelines => (Nothing, Whole, true, Whole),
-            Self::Eye => (Nothing, Nothing, true, Nothing),
+            Self::TreePipelines | Self::Eye => (Nothing, Nothing, true, Nothing),
         };
         Stale { primary, light, look, weight, composite: true }
     }
@@ -159,6 +161,7 @@ mod tests {
         assert_eq!(row(Change::Prop), (Reached, Reached, true, Reached));
         assert_eq!(row(Change::Virtual), (Nothing, Reached, true, Nothing));
         assert_eq!(row(Change::MaterialOrLight), (Nothing, Whole, true, Nothing));
+        assert_eq!(row(Change::TreePipelines), row(Change::Eye));
         assert_eq!(row(Change::Eye), (Nothing, Nothing, true, Nothing));
         assert!(!Stale::NOTHING.any());
         assert!(Change::Raster.makes_stale().any() && !Change::Raster.makes_stale().any_tiles());
