@@ -33,15 +33,20 @@ uvec2 image_tiles() {
     return (uvec2(frame.frustum.resolution_px) + (TILE_PX - 1u)) / TILE_PX;
 }
 
-// The pixel of this invocation in the tile that its workgroup has from a list; one outside of any image where there is none.
-uvec2 listed_pixel(uint list) {
+// The first pixel of the tile that this workgroup has from a list; one outside of any image where there is none.
+uvec2 listed_corner(uint list) {
     uint number = gl_WorkGroupID.y * TILE_GROUPS_X + gl_WorkGroupID.x;
     if (number >= tile_heads[list].w) {
-        return uvec2(0xffffffffu);
+        return uvec2(0xffff0000u);
     }
     uvec2 size = image_tiles();
     uint tile = tiles[list * size.x * size.y + number];
-    return uvec2(tile & 0xffffu, tile >> 16u) * TILE_PX + gl_LocalInvocationID.xy;
+    return uvec2(tile & 0xffffu, tile >> 16u) * TILE_PX;
+}
+
+// The pixel of this invocation, where each has one.
+uvec2 listed_pixel(uint list) {
+    return listed_corner(list) + gl_LocalInvocationID.xy;
 }
 
 #endif

@@ -68,7 +68,7 @@ fn beams_find_what_single_rays_find() {
         Stand::new(DVec3::new(0.0, 0.3, 2.0), DVec3::new(0.0, 0.3, 0.0), size_px),
     ];
     for stand in stands {
-        for samples in [1, 4, 9] {
+        for samples in [1, 4, 9, 25] {
             let of =
                 |walk| seen(&corner(), stand, eye_m, Settings { samples, blend: false, walk, ..Settings::default() });
             let alone = of(ALONE);

@@ -50,7 +50,7 @@ impl Bound {
                 all.clone().with_buffer("Live", list).bind(&**pipeline)
             };
             Ok::<_, GpuError>(Group {
-                primary: all.bind(&*pipelines.primary)?,
+                primary: all.bind(&**pipelines.primary(targets.planes_a_group))?,
                 light: all.bind(&*pipelines.light)?,
                 once: over(&targets.once, &pipelines.secondary_once)?,
                 each: over(&targets.each, &pipelines.secondary_each)?,

@@ -115,7 +115,9 @@ pub(crate) struct Pipelines {
     pub(crate) tiles: Arc<ComputePipeline>,
     /// Sample planes that one dispatch of `primary` writes: 1 or 4.
     pub(crate) samples_together: u32,
-    pub(crate) primary: Arc<ComputePipeline>,
+    primary: Arc<ComputePipeline>,
+    /// One plane, four pixels as a beam.
+    primary_quads: Arc<ComputePipeline>,
     pub(crate) light: Arc<ComputePipeline>,
     pub(crate) lists: Arc<ComputePipeline>,
     /// One sample for all of a pixel's.
@@ -175,6 +177,7 @@ impl Pipelines {
             tiles: compute(&shaders::TILES_COMP, &[own_lens])?,
             samples_together,
             primary: compute(&shaders::PRIMARY_COMP, &[count, record, own_lens, (SAMPLES_TOGETHER, samples_together)])?,
+            primary_quads: compute(&shaders::PRIMARY_QUADS_COMP, &[count, record, own_lens])?,
             light: compute(&shaders::LIGHT_COMP, &[count, record, textured, transmissive, own_lens])?,
             lists: compute(&shaders::LISTS_COMP, &[])?,
             secondary_once,
@@ -190,6 +193,11 @@ impl Pipelines {
             visible: graphics("visible", &shaders::VISIBLE_VERT, &shaders::VISIBLE_FRAG, SEEN, DepthTest::Less, &[])?,
             warped: raster("warped", &shaders::COMPOSITE_VERT, &shaders::WARPED_FRAG)?,
         })
+    }
+
+    /// What traces primary rays: where beams are wanted and there is one sample plane at a time, those of neighbouring pixels.
+    pub(crate) fn primary(&self, planes_a_group: u32) -> &Arc<ComputePipeline> {
+        if self.samples_together > 1 && planes_a_group == 1 { &self.primary_quads } else { &self.primary }
     }
 
     /// The same for a scene that differs in how rays branch.

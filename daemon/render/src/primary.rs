@@ -15,7 +15,7 @@ pub(crate) fn record(recorder: &mut Recorder, bound: &Bound, targets: &Targets) 
         let planes = (targets.planes_a_group, together);
         bound.each_plane(
             recorder,
-            &bound.pipelines.primary,
+            bound.pipelines.primary(targets.planes_a_group),
             |group| &group.primary,
             planes,
             targets.listed(TileList::Seen),

@@ -52,7 +52,7 @@ pub struct Settings {
 /// and for measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Walk {
-    /// Whether a pixel's samples are traced as beams of four; `None`: as suits the device.
+    /// Whether primary rays are traced as beams of four, of a pixel's samples or of neighbouring pixels; `None`: as suits the device.
     pub beams: Option<bool>,
     /// How shaders read the scene, and no other way, with which ray queries do not go; `None`: as suits device and scene.
     pub loads: Option<Loads>,
