@@ -246,7 +246,7 @@ fn abilities(
         ("swapchain_colorspace", instance.has(ext::swapchain_colorspace::NAME)),
         ("synchronization2", on(features.v13.synchronization2)),
         ("timeline_semaphore", on(features.v12.timeline_semaphore)),
-        ("window_wayland", instance.has(khr::wayland_surface::NAME)),
+        ("window_wayland", instance.offers(khr::wayland_surface::NAME)),
         ("window_x11", instance.has(khr::xcb_surface::NAME)),
         ("timestamps", timestamps && limits.timestamp_period > 0.0),
     ])

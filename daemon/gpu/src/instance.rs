@@ -28,6 +28,8 @@ pub struct Instance {
     /// Boxed for its address: the messenger points to it until it is destroyed.
     messages: Box<Messages>,
     extensions: Vec<&'static CStr>,
+    /// Of those that are of use: all that there are.
+    offered: Vec<&'static CStr>,
 }
 
 impl std::fmt::Debug for Instance {
@@ -61,12 +63,13 @@ impl Instance {
         let validate = validation == Validation::On;
         let layer = if validate { Some(validation_layer(&entry)?) } else { None };
         let mut extensions = wanted_extensions(&entry, layer)?;
+        let offered = extensions.clone();
         extensions.retain(|name| wayland || *name != khr::wayland_surface::NAME);
         let has_messages = extensions.contains(&ext::debug_utils::NAME);
 
         let messages = Box::new(Messages::default());
         let raw = create_raw(&entry, layer, &extensions, has_messages.then_some(&*messages))?;
-        let mut instance = Instance { raw, entry, messenger: None, messages, extensions };
+        let mut instance = Instance { raw, entry, messenger: None, messages, extensions, offered };
         if validate && has_messages {
             let loader = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
             let info = messenger_info(&instance.messages);
@@ -115,6 +118,11 @@ impl Instance {
     /// Whether an instance extension is enabled.
     pub(crate) fn has(&self, extension: &CStr) -> bool {
         self.extensions.contains(&extension)
+    }
+
+    /// Whether an extension is there, enabled or not.
+    pub(crate) fn offers(&self, extension: &CStr) -> bool {
+        self.offered.contains(&extension)
     }
 }
 
