@@ -280,7 +280,7 @@ fn whatever_fails_is_refused_or_recovered_from() {
 const NOT_CALLED_HERE: [(&str, &str); 24] = [
     ("vkSignalSemaphore", "where a submission was refused; the walk fails those, and then it is called"),
     ("vkCreateAccelerationStructureKHR", "the software driver has no ray queries"),
-    ("vkCreateWaylandSurfaceKHR", "of windows: as for those of X11"),
+    ("vkCreateWaylandSurfaceKHR", "of windows, which faults_windows.rs fails"),
     ("vkGetSemaphoreFdKHR", "the software driver exports no timelines"),
     ("vkWaitForPresentKHR", "the software driver has no VK_KHR_present_wait"),
     ("vkGetPhysicalDeviceSurfaceCapabilities2EXT", "another extension's, of nearly the same name"),

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use lantern_tests::client::Client;
-use lantern_tests::desktops::{Desktop, Xvfb};
+use lantern_tests::desktops::{Desktop, Weston, Xvfb};
 use lantern_tests::faults::{
     self, Failure, Fault, Faults, HUNG, LOST, NO_DEVICE_MEMORY, NO_HOST_MEMORY, NO_SURFACE, OUTDATED, SUBOPTIMAL,
 };
@@ -50,14 +50,14 @@ fn room(x11: &Xvfb, latency_ms: u32) -> String {
 }
 
 /// Waits until the window shows the picture; it may have to come back first.
-fn shows(client: &mut Client, x11: &Xvfb, of: &str) {
+fn shows(client: &mut Client, desktop: &dyn Desktop, of: &str) {
     let started = Instant::now();
     while client.status().unwrap()["projectors"]["left"]["screen"]["state"] != "shown" {
         assert!(started.elapsed() < LIMIT, "{of}: the window does not come back");
         thread::sleep(Duration::from_millis(50));
     }
     let picture = client.png("left", "color").unwrap();
-    x11.shows(&picture).unwrap_or_else(|error| panic!("{of}: {error}"));
+    desktop.shows(&picture).unwrap_or_else(|error| panic!("{of}: {error}"));
 }
 
 #[test]
@@ -172,6 +172,31 @@ fn a_surface_that_goes_on_being_less_than_the_best_gets_no_swapchain_for_each_pi
     }
     faults.clear().unwrap();
     assert_eq!(client.status().unwrap()["device"]["lost"], 0);
+    assert_eq!(client.status().unwrap()["device"]["validation_messages"], 0);
+    assert!(daemon.stop().unwrap().success());
+}
+
+#[test]
+fn a_wayland_window_comes_back_from_the_call_that_x11_has_not() {
+    let wayland = Weston::start(lab::SIZE_PX.to_array()).unwrap();
+    let folder = Arc::new(tempfile::tempdir().unwrap());
+    let room = |latency_ms: u32| {
+        let server = wayland.server();
+        let window =
+            format!("{{ kind = \"window\", server = \"{server}\", fullscreen = true, latency_ms = {latency_ms} }}");
+        let left = lab::stand(-1.0).toml("left").replace("{ kind = \"headless\" }", &window);
+        [lab::RENDER, lab::SCENE, lab::TRACKED, &left, &lab::stand(1.0).toml("right")].join("\n")
+    };
+    let mut daemon: Daemon = faults::start(&folder, &room(0), None).unwrap().unwrap();
+    let mut faults = Faults::connect(folder.path()).unwrap();
+    let mut client = daemon.client().unwrap();
+    shows(&mut client, &wayland, "at the start");
+    let fault = Fault::once("vkCreateWaylandSurfaceKHR", 1, NO_HOST_MEMORY);
+    faults.arm(&fault).unwrap();
+    std::fs::write(folder.path().join("lantern.toml"), room(1)).unwrap();
+    client.ask_ok("config.reload", json!({})).unwrap();
+    shows(&mut client, &wayland, &fault.to_string());
+    assert!(faults.clear().unwrap().fired > 0, "{fault} was never called");
     assert_eq!(client.status().unwrap()["device"]["validation_messages"], 0);
     assert!(daemon.stop().unwrap().success());
 }

@@ -20,15 +20,23 @@ const ATTEMPTS: u32 = 6;
 /// The wait before the second attempt; each later one is twice as long.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
 
+/// A loss so long after the last attempt has nothing to do with it.
+const APART: Duration = Duration::from_secs(60);
+
 /// How often, and how soon, a device is opened again.
 #[derive(Debug, Default)]
 pub(super) struct Attempts {
     in_a_row: u32,
+    last: Option<Instant>,
 }
 
 impl Attempts {
     /// How long to wait before another attempt; none where there have been enough.
-    fn next(&mut self) -> Option<Duration> {
+    fn next(&mut self, now: Instant) -> Option<Duration> {
+        if self.last.is_some_and(|last| now.saturating_duration_since(last) > APART) {
+            self.in_a_row = 0;
+        }
+        self.last = Some(now);
         self.in_a_row += 1;
         match self.in_a_row {
             1 => Some(Duration::ZERO),
@@ -68,7 +76,7 @@ impl FrameThread {
         drop(self.device);
         let mut last = loss.to_string();
         let (device, renderer, frame): (Arc<Device>, Renderer, Option<Frame>) = loop {
-            let Some(wait) = self.attempts.next() else {
+            let Some(wait) = self.attempts.next(Instant::now()) else {
                 return Err(FrameError::GaveUp { attempts: ATTEMPTS, loss: loss.to_string(), last });
             };
             self.links.shared.pause(Instant::now() + wait);
@@ -139,11 +147,13 @@ mod tests {
 
     #[test]
     fn attempts_are_bounded_and_wait_ever_longer() {
-        let mut attempts = Attempts::default();
-        let mut waits = || (0..8).map(|_| attempts.next().map(|wait| wait.as_millis())).collect::<Vec<_>>();
+        let (mut attempts, now) = (Attempts::default(), Instant::now());
+        let mut waits = || (0..8).map(|_| attempts.next(now).map(|wait| wait.as_millis())).collect::<Vec<_>>();
         let all = [Some(0), Some(250), Some(500), Some(1000), Some(2000), Some(4000), None, None];
         assert_eq!(waits(), all);
         attempts.showed();
-        assert_eq!(attempts.next(), Some(Duration::ZERO));
+        assert_eq!(attempts.next(now), Some(Duration::ZERO));
+        assert_eq!(attempts.next(now + APART), Some(FIRST_WAIT));
+        assert_eq!(attempts.next(now + APART * 3), Some(Duration::ZERO));
     }
 }

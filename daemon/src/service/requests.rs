@@ -124,6 +124,7 @@ impl FrameThread {
         self.counted = None;
         self.present(frame.as_ref())?;
         if let Some(frame) = frame {
+            self.attempts.showed();
             self.count(&frame, began);
         }
         self.tell_of_revision();
