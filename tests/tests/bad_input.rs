@@ -242,7 +242,7 @@ fn bad_configurations_change_nothing_when_reloaded() {
             good.replace("127.0.0.1:0", "192.0.2.1:7000"),
             vec!["tracker `optitrack` cannot listen at 192.0.2.1:7000", "hint:"],
         ),
-        (good.replace("kind = \"headless\"", "kind = \"window\""), vec!["not built yet"]),
+        (good.replace("kind = \"headless\"", "kind = \"windwo\""), vec!["windwo", "did you mean \"window\""]),
         (good.replace("[96, 64]", "[16384, 16384]"), vec!["left"]),
         (good.replace("\"lantern\"", "\"vrpn\""), vec!["vrpn", "\"psn\"", "hint:"]),
     ] {
