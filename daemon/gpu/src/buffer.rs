@@ -172,39 +172,52 @@ impl Buffer {
         if device.families.len() > 1 {
             info = info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&device.families);
         }
-        // SAFETY: size and usage are valid; the new object is named before anyone else has it.
-        let raw = unsafe {
-            let raw = device
-                .raw
-                .create_buffer(&info, None)
-                .map_err(|result| GpuError::vulkan(format!("creating buffer {name:?}"), result))?;
-            device.naming.name(raw, name);
-            raw
-        };
-
-        // From here on the buffer is owned, so that it is destroyed when a later step fails.
-        let mut buffer = Buffer {
-            raw,
-            view: vk::BufferView::null(),
-            device: Arc::clone(device),
-            history: Mutex::default(),
-            importers: None,
-            memory: None,
-            name: name.into(),
-            kind,
-            bytes,
-        };
+        // SAFETY: size and usage are valid.
+        let mut buffer = unsafe { Buffer::create(device, name, &info, (kind, bytes), None)? };
         buffer.bind_memory()?;
         if let BufferKind::Texel(format) = kind
             && bytes / format.bytes() <= device.limits.max_texel_buffer_elements
         {
-            let info = vk::BufferViewCreateInfo::default().buffer(raw).format(format.raw()).range(bytes);
+            let info = vk::BufferViewCreateInfo::default().buffer(buffer.raw).format(format.raw()).range(bytes);
             // SAFETY: the buffer has this usage, the range is whole texels within it and within the device's limit,
             // and Vulkan 1.3 requires these formats for uniform texel buffers.
             buffer.view = unsafe { device.raw.create_buffer_view(&info, None) }
                 .map_err(|result| GpuError::vulkan(format!("creating the view of buffer {name:?}"), result))?;
         }
         Ok(Arc::new(buffer))
+    }
+
+    /// The object, without memory yet, and owned from here on, so that it is destroyed when a later step fails.
+    ///
+    /// # Safety
+    /// `info` is valid for this device, of this kind and no fewer bytes.
+    unsafe fn create(
+        device: &Arc<DeviceHandle>,
+        name: &str,
+        info: &vk::BufferCreateInfo<'_>,
+        (kind, bytes): (BufferKind, u64),
+        importers: Option<u32>,
+    ) -> Result<Buffer, GpuError> {
+        // SAFETY: by this function's contract; the new object is named before anyone else has it.
+        let raw = unsafe {
+            let raw = device
+                .raw
+                .create_buffer(info, None)
+                .map_err(|result| GpuError::vulkan(format!("creating buffer {name:?}"), result))?;
+            device.naming.name(raw, name);
+            raw
+        };
+        Ok(Buffer {
+            raw,
+            view: vk::BufferView::null(),
+            device: Arc::clone(device),
+            history: Mutex::default(),
+            importers,
+            memory: None,
+            name: name.into(),
+            kind,
+            bytes,
+        })
     }
 
     /// A storage buffer whose memory can be exported as `handle`, to processes that a family of queues stands for, with the memory's type
@@ -226,29 +239,9 @@ impl Buffer {
         let alone = external::is_exportable(device, name, kind.usage(), handle)?;
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle);
         let info = vk::BufferCreateInfo::default().size(raw_bytes).usage(kind.usage()).push_next(&mut external);
-        // SAFETY: size and usage are valid, and the device exports such buffers; the new object is named before anyone else has
-        // it.
-        let raw = unsafe {
-            let raw = device
-                .raw
-                .create_buffer(&info, None)
-                .map_err(|result| GpuError::vulkan(format!("creating buffer {name:?}"), result))?;
-            device.naming.name(raw, name);
-            raw
-        };
-
-        // From here on the buffer is owned, so that it is destroyed when a later step fails.
-        let mut buffer = Buffer {
-            raw,
-            view: vk::BufferView::null(),
-            device: Arc::clone(device),
-            history: Mutex::default(),
-            importers: Some(importers),
-            memory: None,
-            name: name.into(),
-            kind,
-            bytes,
-        };
+        // SAFETY: size and usage are valid, and the device exports such buffers.
+        let mut buffer = unsafe { Buffer::create(device, name, &info, (kind, bytes), Some(importers))? };
+        let raw = buffer.raw;
         // SAFETY: the buffer was just created, for this handle.
         let (memory, memory_bytes, memory_type) = unsafe { external::memory_for(device, name, raw, handle, alone)? };
         // SAFETY: the buffer has no memory yet; the memory suits its requirements, and `buffer` drops the buffer before it.

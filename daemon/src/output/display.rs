@@ -32,10 +32,6 @@ impl Output for DisplayOutput {
         Ok(self.screen.show(renderer, picture.projector)?)
     }
 
-    fn must_show_again(&mut self) -> bool {
-        false
-    }
-
     fn gone(&mut self) -> Option<String> {
         // Not every driver says by itself that a plug was pulled; the kernel does. Another screen at the same connector is not
         // the one that was calibrated.

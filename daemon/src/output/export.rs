@@ -1,7 +1,6 @@
 //! An output whose pictures go to other processes, in memory that these import.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use lantern_gpu::{Buffer, Device, GpuError, HandleKind, Recorder, SharedTimeline, Submission};
 use lantern_proto::event::{ExportEnd, ExportEvent};
@@ -116,16 +115,6 @@ impl Output for ExportOutput {
         // Images of those who have gone go as soon as the device is through with them.
         self.served.retain(|served| !served.feed.is_closed());
         self.served.iter().any(|served| served.is_new || served.feed.wants_newest())
-    }
-
-    fn gone(&mut self) -> Option<String> {
-        None
-    }
-
-    fn black(&mut self) {}
-
-    fn wait_shown(&mut self, _: Instant) -> Option<Instant> {
-        None
     }
 
     fn describe(&self) -> Description {

@@ -95,23 +95,31 @@ pub trait Output: Send {
     fn show(&mut self, renderer: &mut Renderer, picture: Picture) -> Result<Showing, OutputError>;
 
     /// Whether it has to show its picture again, though that is still the same: it was covered, or has another size.
-    fn must_show_again(&mut self) -> bool;
+    fn must_show_again(&mut self) -> bool {
+        false
+    }
 
     /// Why it is gone, where that can be known without showing anything. Asked once a second or so.
-    fn gone(&mut self) -> Option<String>;
+    fn gone(&mut self) -> Option<String> {
+        None
+    }
 
-    /// Makes it black, before it is let go.
-    fn black(&mut self);
+    /// Makes it black, before it is let go, where it is seen.
+    fn black(&mut self) {}
 
     /// Takes it from sight without the device, which is lost or hangs and may keep all that it was given.
     fn hide(&mut self) {}
 
     /// Waits, until `until` at most, for the last picture to be there; when it was, where that can be known. Of one that was there
     /// before anybody waited it cannot.
-    fn wait_shown(&mut self, until: Instant) -> Option<Instant>;
+    fn wait_shown(&mut self, _until: Instant) -> Option<Instant> {
+        None
+    }
 
     /// What it is.
-    fn describe(&self) -> Description;
+    fn describe(&self) -> Description {
+        Description::default()
+    }
 
     /// Images of its own for another client, where its pictures go to clients.
     ///
