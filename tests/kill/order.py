@@ -9,9 +9,11 @@ is another; with 0, and a word, where this machine does not let anybody trace.
 """
 
 import argparse
+import os
 import pathlib
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -76,8 +78,11 @@ def main():
                 client.ask("scene.apply", edits=[{"set": {"node": "ball", "translation_m": [x, 0, 0]}}])
             client.close()
         finally:
-            # strace hands the signal on, and ends as the daemon does.
-            daemon.stop()
+            # strace ends as the daemon does, which is its child. A signal to strace would leave that behind.
+            tracer = daemon.process.pid
+            for child in pathlib.Path(f"/proc/{tracer}/task/{tracer}/children").read_text().split():
+                os.kill(int(child), signal.SIGTERM)
+            daemon.process.wait(30)
         lines = trace.read_text(errors="replace").splitlines()
     # A call that another thread's came into stands on two lines; its end is what counts.
     calls, begun = [], {}
