@@ -2,6 +2,7 @@
 //!
 //! - [`Output`]: what all of them are;
 //! - `headless`, `window`, `display`, `export`: the kinds; the two in the middle show images on a `screen`;
+//! - [`OutputSpec`]: what one is to be;
 //! - [`Outputs`]: those of all projectors, opened, lost, and opened again;
 //! - [`Clock`]: when a screen shows another image.
 
@@ -11,6 +12,7 @@ mod export;
 mod headless;
 mod screen;
 mod set;
+mod slot;
 mod window;
 
 use std::time::{Duration, Instant};
@@ -22,7 +24,8 @@ use lantern_render::Renderer;
 
 pub use clock::Clock;
 pub use export::LendError;
-pub use set::{OutputSpec, Outputs};
+pub use set::Outputs;
+pub use slot::OutputSpec;
 
 /// Why an output cannot be opened, or was lost.
 #[derive(Debug, thiserror::Error)]

@@ -3,175 +3,24 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use lantern_config::{Fullscreen, OutputKind};
-use lantern_gpu::{Device, DisplayDesc, GpuError, Pixels, Placement, SwapchainDesc, WindowDesc};
+use lantern_gpu::{Device, GpuError};
 use lantern_proto::ExportHandle;
-use lantern_proto::event::{OutputEvent, OutputState};
+use lantern_proto::event::OutputEvent;
 use lantern_proto::status::OutputStatus;
 use lantern_render::Renderer;
 
-use super::display::DisplayOutput;
-use super::export::{ExportOutput, LendError};
-use super::headless::Headless;
-use super::window::{Opening, WindowOutput};
+use super::export::LendError;
+use super::slot::{Opened, OutputSpec, Slot, State, USUAL_HZ};
+use super::window::WindowOutput;
 use super::{Clock, Output, OutputError, Picture, Showing};
 use crate::feed::{Lent, Wake};
 
 /// How often outputs are looked at that may have gone, or may have come back.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// How soon one is looked at again that has no room for a picture; and, once it has had none for `STUCK`, how soon then.
+/// How soon one is looked at again that has no room for a picture; and, once it has had none for long, how soon then.
 const SOON: Duration = Duration::from_millis(4);
 const LATER: Duration = Duration::from_millis(50);
-
-/// A screen that takes no picture for so long shows none.
-const STUCK: Duration = Duration::from_secs(1);
-
-/// Where screens say no rate of their own, Hz.
-const USUAL_HZ: f64 = 60.0;
-
-/// What a projector's output is to be.
-#[derive(Clone, Debug, PartialEq)]
-pub struct OutputSpec {
-    /// The projector's name.
-    pub projector: String,
-    /// Its columns and rows.
-    pub size_px: [u32; 2],
-    /// Where its image goes.
-    pub output: lantern_config::Output,
-}
-
-impl OutputSpec {
-    /// Whether it can go: all but headless ones can.
-    fn may_be_lost(&self) -> bool {
-        self.output.kind != OutputKind::Headless
-    }
-
-    /// Whether people see it.
-    fn shows(&self) -> bool {
-        matches!(self.output.kind, OutputKind::Window { .. } | OutputKind::Display { .. })
-    }
-
-    fn chain(&self, queue: usize) -> SwapchainDesc {
-        let pixels = match self.output.pixels {
-            lantern_config::Pixels::Bits8 => Pixels::Bits8,
-            lantern_config::Pixels::Bits10 => Pixels::Bits10,
-            lantern_config::Pixels::Hdr10 => Pixels::Hdr10,
-        };
-        SwapchainDesc { pixels, white_nits: self.output.white_nits as f32, queue }
-    }
-
-    /// Opens it, or begins to.
-    fn open(&self, device: &Arc<Device>, queue: usize, wake: &Wake) -> Result<Opened, OutputError> {
-        let name = self.projector.clone();
-        Ok(match &self.output.kind {
-            OutputKind::Headless => Opened::Now(Box::new(Headless)),
-            OutputKind::Window { server, fullscreen } => {
-                let placement = match fullscreen {
-                    Fullscreen::No => Placement::Anywhere,
-                    Fullscreen::Any => Placement::Fullscreen(None),
-                    Fullscreen::On(monitor) => Placement::Fullscreen(Some(monitor.clone())),
-                };
-                let (server, wake) = (server.clone(), wake.clone());
-                let desc = WindowDesc { name, size_px: self.size_px, placement, server, wake };
-                Opened::Later(Opening::start(desc)?)
-            }
-            OutputKind::Display { connector, edid } => {
-                let (connector, edid, refresh_hz) = (connector.clone(), edid.clone(), self.output.refresh_hz);
-                let desc = DisplayDesc { name, connector, edid, size_px: self.size_px, refresh_hz };
-                Opened::Now(Box::new(DisplayOutput::open(device, &desc, self.chain(queue))?))
-            }
-            OutputKind::Export => {
-                let (size_px, wake) = (self.size_px, wake.clone());
-                Opened::Now(Box::new(ExportOutput::open(device, &name, size_px, queue, wake)?))
-            }
-        })
-    }
-}
-
-/// An output that is there, or will be.
-enum Opened {
-    Now(Box<dyn Output>),
-    Later(Opening),
-}
-
-/// Whether an output is there.
-enum State {
-    Up(Box<dyn Output>),
-    /// And perhaps on its way.
-    Lost {
-        why: String,
-        opening: Option<Opening>,
-    },
-}
-
-/// A projector's output.
-struct Slot {
-    spec: OutputSpec,
-    state: State,
-    clock: Clock,
-    /// What came of its last picture.
-    showing: Showing,
-    /// It has yet to show what was rendered.
-    behind: bool,
-    /// Since when it has had no room for a picture.
-    stuck: Option<Instant>,
-}
-
-impl Slot {
-    fn closed(spec: OutputSpec, now: Instant) -> Self {
-        let state = State::Lost { why: "it was not opened yet".into(), opening: None };
-        let clock = Clock::new(spec.output.refresh_hz.unwrap_or(USUAL_HZ), now);
-        Self { spec, state, clock, showing: Showing::NotYet, behind: true, stuck: None }
-    }
-
-    fn refresh_hz(&self) -> f64 {
-        let own = || match &self.state {
-            State::Up(output) => output.describe().refresh_hz,
-            State::Lost { .. } => None,
-        };
-        // A display has the rate that its mode has; a desktop's word for a window is only a guess.
-        let wanted = self.spec.output.refresh_hz;
-        let is_display = matches!(self.spec.output.kind, OutputKind::Display { .. });
-        let hz = if is_display { own().or(wanted) } else { wanted.or_else(own) };
-        hz.unwrap_or(USUAL_HZ)
-    }
-
-    /// Whether it has had no room for a picture for long.
-    fn is_stuck(&self, now: Instant) -> bool {
-        self.stuck.is_some_and(|since| now.saturating_duration_since(since) > STUCK)
-    }
-
-    fn status(&self) -> OutputStatus {
-        let of = match &self.state {
-            State::Up(output) => output.describe(),
-            State::Lost { .. } => Default::default(),
-        };
-        let (state, detail) = match (&self.state, self.showing) {
-            (State::Lost { why, .. }, _) => (OutputState::Lost, Some(why.clone())),
-            (_, Showing::NotYet) if self.is_stuck(Instant::now()) => {
-                (OutputState::Hidden, Some("its screen takes no pictures".to_owned()))
-            }
-            (_, Showing::Black) => (OutputState::Black, of.size_px.map(|px| self.misfit(px))),
-            (_, Showing::Hidden) => (OutputState::Hidden, Some("its window has no pixels".to_owned())),
-            (_, Showing::Shown | Showing::NotYet) => (OutputState::Shown, None),
-        };
-        OutputStatus {
-            state,
-            detail,
-            place: of.place,
-            pixels: of.pixels.to_owned(),
-            refresh_hz: self.refresh_hz(),
-            readers: of.readers,
-            readers_missed: of.readers_missed,
-        }
-    }
-
-    fn misfit(&self, [width, height]: [u32; 2]) -> String {
-        let [columns, rows] = self.spec.size_px;
-        format!("it has {width}x{height} px, and the calibration is for {columns}x{rows}")
-    }
-}
 
 /// All of them, in the projectors' order.
 pub struct Outputs {
@@ -219,18 +68,14 @@ impl Outputs {
         }
     }
 
+    /// Opens one that is lost, or asks for it where that was not done yet.
     fn try_open(&mut self, index: usize, now: Instant) {
         let slot = &mut self.slots[index];
-        let opened = match &slot.state {
-            // It is asked for already.
-            State::Lost { opening: Some(_), .. } => return,
-            _ => slot.spec.open(&self.device, index, &self.wake),
-        };
-        match (opened, &mut slot.state) {
-            (Ok(Opened::Now(output)), _) => self.came(index, output, now),
-            (Ok(Opened::Later(later)), State::Lost { opening, .. }) => *opening = Some(later),
-            (Ok(Opened::Later(later)), state) => *state = State::Lost { why: String::new(), opening: Some(later) },
-            (Err(error), _) => self.lose(index, &error),
+        let State::Lost { opening: opening @ None, .. } = &mut slot.state else { return };
+        match slot.spec.open(&self.device, index, &self.wake) {
+            Ok(Opened::Now(output)) => self.came(index, output, now),
+            Ok(Opened::Later(later)) => *opening = Some(later),
+            Err(error) => self.lose(index, &error),
         }
     }
 
@@ -304,7 +149,7 @@ impl Outputs {
         }
         for index in 0..self.slots.len() {
             self.slots[index].behind |= rendered(index);
-            if look && matches!(self.slots[index].state, State::Lost { .. }) {
+            if look {
                 self.try_open(index, now);
             }
             self.hear(index, now);

@@ -72,6 +72,9 @@ pub enum FrameError {
     /// Nothing can be shown.
     #[error("no output is there: {0}")]
     NoOutput(String),
+    /// The device hangs with displays that no other process can have before this one ends, nor can this one again.
+    #[error("{0}; its displays come back with another process")]
+    Hangs(String),
     /// The device was lost, and cannot be had again.
     #[error("{loss}, and {attempts} attempts to open the device again have failed; the last one: {last}")]
     GaveUp {

@@ -72,18 +72,18 @@ impl Pace {
         Plan { start: start.min(now + period * 2), refresh }
     }
 
-    /// A frame that was planned for a refresh is whole, and with the screens. Gives the refreshes at which it was due and not ready.
-    pub fn completed(&mut self, clock: &Clock, plan: Plan, began: Instant, completed: Instant) -> u64 {
+    /// A frame that was planned for a refresh is whole, and with the screens.
+    pub fn completed(&mut self, clock: &Clock, plan: Plan, began: Instant, completed: Instant) {
         if self.took.len() == FRAMES {
             self.took.remove(0);
         }
         let could_reach = self.estimate() + self.margin < clock.period();
         self.took.push(completed.saturating_duration_since(began));
-        let missed = clock.missed(plan.refresh, completed);
-        self.last = Some(if missed > 0 { clock.next_refresh(completed) } else { plan.refresh });
+        let is_late = completed > plan.refresh;
+        self.last = Some(if is_late { clock.next_refresh(completed) } else { plan.refresh });
 
         // A margin helps only frames that can be in time at all.
-        if missed > 0 && could_reach {
+        if is_late && could_reach {
             self.was_late(clock);
         } else {
             self.good += 1;
@@ -92,7 +92,6 @@ impl Pace {
                 self.good = 0;
             }
         }
-        missed
     }
 
     /// A frame came later than it was planned, though there was time: the next ones get more room.
@@ -122,7 +121,8 @@ mod tests {
             let plan = pace.plan(&clock, now);
             assert!(plan.start >= now, "no frame begins in the past");
             now = plan.start + took(frame);
-            all.push((plan, pace.completed(&clock, plan, plan.start, now)));
+            pace.completed(&clock, plan, plan.start, now);
+            all.push((plan, clock.missed(plan.refresh, now)));
         }
         (pace, clock, all)
     }

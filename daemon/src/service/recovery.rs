@@ -55,7 +55,7 @@ impl FrameThread {
     /// Shows what was shown before `loss` on a device that is opened anew; `None` where it is told to stop meanwhile.
     ///
     /// # Errors
-    /// [`FrameError::GaveUp`] where the device cannot be had again.
+    /// [`FrameError::GaveUp`] where the device cannot be had again, [`FrameError::Hangs`] where another process has to try.
     pub(super) fn recover(mut self, loss: &RenderError) -> Result<Option<Self>, FrameError> {
         tracing::error!("{loss}; nothing is shown until the device is open again");
         self.links.hardware.lost();
@@ -67,8 +67,7 @@ impl FrameThread {
 
         // What hangs keeps its displays for as long as this process lives; the next one has them.
         if matches!(loss, RenderError::Gpu(GpuError::Timeout { .. })) && self.screens.have_displays() {
-            let last = "displays come back with another process alone".to_owned();
-            return Err(FrameError::GaveUp { attempts: 0, loss: loss.to_string(), last });
+            return Err(FrameError::Hangs(loss.to_string()));
         }
         // All of the old device goes before the new one comes; outputs first, which show what is on it.
         let (outputs, degrade) = self.screens.give_up();
