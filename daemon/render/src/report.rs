@@ -38,7 +38,7 @@ pub struct ProjectorReport {
     pub pose_to_submit_ms: f64,
     /// What was made anew.
     pub stale: Stale,
-    /// Rays, where [`Settings::count_rays`] asks for them.
+    /// Rays, where [`crate::Settings::count_rays`] asks for them.
     pub rays: Option<RayCounts>,
     /// When each pass ran on the device. Empty on a device without timestamps.
     pub timeline: Vec<Span>,
