@@ -14,11 +14,13 @@ layout(local_size_x = 64) in;
 layout(std430, binding = 28) buffer Once {
     uvec3 once_groups; // of the indirect dispatch
     uint once_count;
+    uint once_rest; // 0
     uint once[];
 };
 layout(std430, binding = 29) buffer Each {
     uvec3 each_groups;
     uint each_count;
+    uint each_rest; // those of which one sample was shaded before: none yet
     uint each[];
 };
 layout(std430, binding = 30) readonly buffer Class { uint classes[]; };

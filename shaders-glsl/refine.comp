@@ -13,11 +13,13 @@ layout(local_size_x = 64) in;
 layout(std430, binding = 28) readonly buffer Once {
     uvec3 once_groups;
     uint once_count;
+    uint once_rest; // 0
     uint once[];
 };
 layout(std430, binding = 29) buffer Each {
     uvec3 each_groups; // of the indirect dispatch
     uint each_count;
+    uint each_rest;
     uint each[];
 };
 layout(std430, binding = 30) readonly buffer Class { uint classes[]; };
@@ -43,10 +45,11 @@ void main() {
         most = max(most, classes[other] == pixel_class ? apart(look[other].code, mine) : 0.0);
     }
     if (most > BOUND) {
-        uint to = atomicAdd(each_count, 1u);
-        each[to] = index;
-        if (to % each_pixels_a_group() == 0u) {
-            uvec2 groups = live_groups_for(to / each_pixels_a_group());
+        uint to = atomicAdd(each_rest, 1u);
+        each[rest_place(to)] = index;
+        uint pixels = LIVE_GROUP / rest_lanes();
+        if (to % pixels == 0u) {
+            uvec2 groups = live_groups_for(groups_of(each_count, each_pixels_a_group()) + to / pixels);
             atomicMax(each_groups.x, groups.x);
             atomicMax(each_groups.y, groups.y);
         }

@@ -5,11 +5,9 @@
 
 #include "include/frame.glsl"
 #include "include/primary_hit.glsl"
-#include "include/light.glsl"
+#include "include/sight.glsl"
 #include "include/hits.glsl"
 #include "include/live.glsl"
-
-#include "include/waiting.glsl"
 
 #define LOOK_ACCESS
 #include "include/look.glsl"
@@ -23,6 +21,7 @@ layout(constant_id = 0) const uint EYE_AT_PROJECTOR = 0u;
 layout(std430, binding = 28) readonly buffer Live {
     uvec3 live_groups; // of the indirect dispatch
     uint live_count;
+    uint live_rest;    // those at the list's end, of which one sample was shaded before
     uint live[];
 };
 
@@ -37,182 +36,47 @@ const int FOLLOW = 0;    // a waiting ray
 const int SEARCH = 1;    // the line of sight, on which a virtual thing may stand before the point
 const int TAKE_BACK = 2; // the point once more: what the eye-independent pass has put there is hidden by a virtual thing
 
-// A surface as a ray sees it.
-struct Sight {
-    Surface s;
-    vec3 v;                // back along the ray
-    vec3 throughput;
-    vec3 absorption_per_m; // of the body that the ray came through
-    uint depth;
-    bool inside;           // the ray is about to leave a body that refracts
-    bool is_point;         // the projector's point, whose diffuse light and emission another pass has
-    bool takes_back;       // the same, to be taken back
+// A sample's point, and the eye that it is shown to.
+struct Point {
+    uvec2 on; // instance and triangle
+    vec2 barycentric;
+    vec3 position;
+    vec3 came; // the way of the projector's ray
+    vec3 eye;
 };
 
-// The nearest viewer that stands in front of the surface; false where none does.
-bool viewer_of(Surface s, out vec3 eye) {
-    float nearest = 3.0e38;
-    for (uint i = 0u; i < setup.viewer_count; ++i) {
-        vec3 way = frame.viewers[i].xyz - s.position;
-        float d = length(way);
-        if (d < nearest && dot(way, s.normal) > 0.0) {
-            nearest = d;
-            eye = frame.viewers[i].xyz;
-        }
-    }
-    return nearest < 3.0e38;
-}
-
-// The direction in which a lobe sends the ray that arrived along −v, and the share that masking leaves; black below the surface.
-vec3 lobe_direction(Surface s, vec3 v, float roughness, uvec2 pixel, uint s_index, out float share, out float cos_i) {
-    share = 1.0;
-    cos_i = max(dot(s.normal, v), 0.0);
-    vec3 m = s.normal;
-    float alpha = roughness * roughness;
-    if (roughness >= MIRROR_ROUGHNESS) {
-        m = sample_visible_normal(s.normal, v, alpha, secondary_random(pixel, s_index, rays_made));
-        cos_i = max(dot(m, v), 0.0);
-    }
-    vec3 d = reflect(-v, m);
-    float n_d = dot(d, s.normal);
-    if (roughness >= MIRROR_ROUGHNESS) {
-        // G2/G1, what is left of the estimator when visible normals are sampled (Heitz 2018, section 3).
-        float lambda_v = ggx_lambda(dot(s.normal, v), alpha);
-        share = n_d > 0.0 ? (1.0 + lambda_v) / (1.0 + lambda_v + ggx_lambda(n_d, alpha)) : 0.0;
-    } else if (dot(d, s.normal_geometric) <= 0.0) {
-        // A bent shading normal may send a mirror ray below the true surface: lift it to the horizon.
-        d = normalize(d - s.normal_geometric * (dot(d, s.normal_geometric) - 1e-3));
-    }
-    if (dot(d, s.normal_geometric) <= 0.0) {
-        share = 0.0;
-    }
-    return d;
-}
-
-// What a sight sends to the eye by itself, times its throughput; the rays that it needs besides are put among the waiting ones.
-vec3 shade(Sight sight, uvec2 pixel, uint s_index) {
-    Surface s = sight.s;
-    vec3 v = sight.v;
-    vec3 throughput = sight.throughput;
-    bool inside = sight.inside;
-    vec3 radiance = vec3(0.0);
-    float n_v = max(dot(s.normal, v), 1e-4);
-    vec3 outside_origin = offset_origin(s.position, s.normal_geometric);
-
-    // The coat reflects first; the specular lobe below it gets the rest.
-    float coat = COATED != 0u && s.clearcoat > 0.0 && !inside && !sight.takes_back ? s.clearcoat * fresnel_dielectric(n_v, 1.5) : 0.0;
-
-    // Reflection by the base layer.
-    LookRay ray;
-    ray.depth = sight.depth + 1u;
-    ray.origin = outside_origin;
-    ray.absorption_per_m = sight.absorption_per_m;
-    vec3 below = throughput * (1.0 - coat);
-    vec3 f = base_fresnel(s, n_v, inside);
-    if (!sight.takes_back && max(f.x, max(f.y, f.z)) > 0.0) {
-        float share, cos_i;
-        ray.direction = lobe_direction(s, v, s.roughness, pixel, s_index, share, cos_i);
-        vec3 f_lobe = s.roughness >= MIRROR_ROUGHNESS ? base_fresnel(s, cos_i, inside) : f;
-        ray.throughput = below * f_lobe * share;
-        if (is_worth_following(ray)) {
-            next = ray;
-            has_next = true;
-        }
-    }
-
-    // Reflection by the coat.
-    bool reflects_twice = false;
-    LookRay by_coat = ray;
-    if (COATED != 0u && coat > 0.0) {
-        float share, cos_i;
-        by_coat.direction = lobe_direction(s, v, s.clearcoat_roughness, pixel, s_index, share, cos_i);
-        by_coat.throughput = throughput * coat * share;
-        reflects_twice = is_worth_following(by_coat);
-    }
-
-    // Transmission: bent where the body is closed, straight through a thin sheet.
-    bool passes = false;
-    LookRay passing = ray;
-    if (TRANSMISSIVE != 0u && !sight.takes_back && s.transmission > 0.0) {
-        bool solid = s.thickness > 0.0;
-        float eta = inside ? 1.0 / s.ior : s.ior;
-        float reflected = fresnel_dielectric(n_v, solid ? eta : s.ior);
-        passing.throughput = below * s.base * (s.transmission * (1.0 - s.metallic) * (1.0 - reflected));
-        vec3 d = solid ? refract(-v, s.normal, 1.0 / eta) : -v;
-        if (dot(d, d) > 0.0) {
-            bool enters = solid && !inside;
-            passing.origin = offset_origin(s.position, -s.normal_geometric);
-            passing.direction = normalize(d);
-            passing.absorption_per_m = enters ? s.absorption_per_m : (solid ? vec3(0.0) : sight.absorption_per_m);
-            passes = is_worth_following(passing);
-        }
-    }
-    follow_besides(reflects_twice, by_coat, passes, passing);
-
-    // Lights: one shadow ray each serves the diffuse part (not at the point: another pass has it) and the highlights.
-    vec3 diffuse = sight.is_point && !sight.takes_back ? vec3(0.0) : diffuse_color(s);
-    bool has_lobe = !sight.takes_back && (specular_scale(s) > 0.0 && s.roughness >= MIRROR_ROUGHNESS ||
-                                          COATED != 0u && s.clearcoat > 0.0 && s.clearcoat_roughness >= MIRROR_ROUGHNESS);
-    if (!sight.is_point || sight.takes_back) {
-        radiance += throughput * (under_coat(s) * s.emissive + diffuse * irradiance_over_pi(s.normal));
-    }
-    uint light_count = has_lobe || max(diffuse.x, max(diffuse.y, diffuse.z)) > 0.0 ? setup.light_count : 0u;
-    uint i = 0u;
-    while (true) {
-        if (i < light_count) {
-            Ray to_light;
-            vec3 lux = unshadowed(light_of(i), s, outside_origin, to_light);
-            vec3 l = to_light.direction;
-            vec3 response = diffuse * (max(dot(s.normal, l), 0.0) / PI);
-            if (has_lobe) {
-                float v_h = max(dot(v, normalize(v + l)), 0.0);
-                response += (1.0 - coat) * highlight(s.normal, v, l, s.roughness, base_fresnel(s, v_h, inside));
-                if (COATED != 0u) {
-                    response += s.clearcoat * highlight(s.normal, v, l, s.clearcoat_roughness, vec3(fresnel_dielectric(v_h, 1.5)));
-                }
-            }
-            vec3 brings = throughput * lux * response;
-            if (brings != vec3(0.0)) {
-                ask(ShadowRay(outside_origin, l, to_light.t_max, brings));
-                ++shadow_rays_made;
-            }
-        }
-        if (MANY_LIGHTS == 0u || ++i >= light_count) {
-            break;
-        }
-    }
-    return radiance;
-}
-
-// What the eye sees of a sample beside its eye-independent light. `on`: instance and triangle that its primary ray met.
-vec3 look_of(uvec2 pixel, uint s_index, uvec2 on) {
-    vec3 radiance = vec3(0.0);
-    begin_waiting();
-
-    // The point, and the eye that it is shown to. Of the samples of a listed pixel some may land on what stays dark, or what looks the same
-    // to every eye.
+// What the sample's point shows to the eye at once; what it needs rays for is among the waiting ones. The loop begins with `turn`.
+vec3 first_look(uvec2 pixel, uint s_index, uvec2 on, out Point point, out int turn) {
+    // Of the samples of a listed pixel some may land on what stays dark, or what looks the same to every eye.
     Ray primary = sample_ray(pixel, s_index);
-    vec2 on_barycentric = meet_again(primary, on.x, on.y);
     Sight sight;
-    sight.s = surface_at(on.x, on.y, on_barycentric);
+    point.on = on;
+    point.barycentric = meet_again(primary, on.x, on.y);
+    point.came = primary.direction;
+    sight.s = surface_at(on.x, on.y, point.barycentric);
     sight.inside = turn_to(sight.s, primary.direction);
-    vec3 eye = vec3(0.0);
-    bool seen = viewer_of(sight.s, eye) && (sight.s.flags & ROLE_MASK) == 0u;
-    vec3 point = sight.s.position;
-    int turn = FOLLOW;
-    if (LOOKS_FIRST) {
-        turn = seen ? SEARCH : FOLLOW;
-    } else {
-        sight.v = EYE_AT_PROJECTOR == 0u ? normalize(eye - point) : -primary.direction;
+    point.position = sight.s.position;
+    point.eye = vec3(0.0);
+    bool seen = viewer_of(sight.s, point.eye) && (sight.s.flags & ROLE_MASK) == 0u;
+    turn = LOOKS_FIRST && seen ? SEARCH : FOLLOW;
+    vec3 radiance = vec3(0.0);
+    if (!LOOKS_FIRST) {
+        sight.v = EYE_AT_PROJECTOR == 0u ? normalize(point.eye - point.position) : -primary.direction;
         sight.throughput = vec3(1.0);
         sight.absorption_per_m = vec3(0.0);
         sight.depth = 0u;
         sight.is_point = true;
         sight.takes_back = false;
         if ((EYE_AT_PROJECTOR != 0u ? (sight.s.flags & ROLE_MASK) == 0u : seen) && depends_on_eye(sight.s)) {
-            radiance += shade(sight, pixel, s_index);
+            radiance = shade(sight, pixel, s_index);
         }
     }
+    return radiance;
+}
+
+// `radiance`, and what the waiting rays bring and those that come of them.
+vec3 follow(vec3 radiance, uvec2 pixel, uint s_index, Point point, int turn) {
+    Sight sight;
 
     // Every turn of this loop walks one ray, if any, and looks at one surface: what the ray met, or the point once more. Rays of every
     // kind share the turn's one walk, because a driver that runs both sides of a branch would make each lane wait for all kinds. What is
@@ -220,7 +84,7 @@ vec3 look_of(uvec2 pixel, uint s_index, uvec2 on) {
     while (true) {
         bool searches = LOOKS_FIRST && turn == SEARCH;
         bool takes_back = LOOKS_FIRST && turn == TAKE_BACK;
-        bool for_light = !searches && !takes_back && shadow_count > 0u;
+        bool for_light = LIGHTS != 0u && !searches && !takes_back && shadow_count > 0u;
         bool follows = !searches && !takes_back && shadow_count == 0u && has_next;
         LookRay w = next;
         Ray ray = Ray(w.origin, w.direction, 0.0, follows ? 3.0e38 : -1.0);
@@ -228,7 +92,8 @@ vec3 look_of(uvec2 pixel, uint s_index, uvec2 on) {
             ray = Ray(shadow.origin, shadow.direction, shadow_from, shadow.t_max);
         }
         if (searches) {
-            ray = Ray(eye, normalize(point - eye), 0.0, length(point - eye) * (1.0 - 1e-5));
+            vec3 way = point.position - point.eye;
+            ray = Ray(point.eye, normalize(way), 0.0, length(way) * (1.0 - 1e-5));
         }
         Hit hit;
         bool blocked = traverse(ray, searches ? ROLE_VIRTUAL : EVERYTHING, for_light ? SHADOW : CLOSEST, hit);
@@ -242,12 +107,12 @@ vec3 look_of(uvec2 pixel, uint s_index, uvec2 on) {
         bool at_point = (searches || takes_back) && !met;
         vec3 came = ray.direction;
         if (at_point) {
-            hit.instance = on.x;
-            hit.triangle = on.y;
-            hit.barycentric = on_barycentric;
-            came = primary.direction;
+            hit.instance = point.on.x;
+            hit.triangle = point.on.y;
+            hit.barycentric = point.barycentric;
+            came = point.came;
         }
-        uint instance = met || at_point ? hit.instance : on.x;
+        uint instance = met || at_point ? hit.instance : point.on.x;
         sight.s = surface_at(instance, hit.triangle, hit.barycentric);
 
         // Light that a thing lets through goes on behind it, unbent.
@@ -272,7 +137,7 @@ vec3 look_of(uvec2 pixel, uint s_index, uvec2 on) {
             has_next = false;
         }
         sight.inside = turn_to(sight.s, came);
-        sight.v = at_point ? normalize(eye - sight.s.position) : -came;
+        sight.v = at_point ? normalize(point.eye - sight.s.position) : -came;
         sight.throughput = w.throughput;
         sight.absorption_per_m = w.absorption_per_m;
         if (TRANSMISSIVE != 0u) {
@@ -307,24 +172,38 @@ shared vec3 looks[LIVE_GROUP];
 
 void main() {
     // A lane a sample, so that lanes beside each other follow nearly the same paths.
+    uint group = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
     uint planes = ONE_FOR_ALL != 0u ? 1u : setup.planes_a_group;
+    uint groups = groups_of(live_count, LIVE_GROUP / planes);
+    bool has_middle = ONE_FOR_ALL == 0u && group >= groups;
+    if (has_middle) {
+        group -= groups;
+        planes = rest_lanes();
+    }
     uint pixels = LIVE_GROUP / planes;
     uint lane = gl_LocalInvocationIndex;
-    uint at = (gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * pixels + lane / planes;
-    bool is_listed = lane < pixels * planes && at < live_count;
-    uint index = live[is_listed ? at : 0u];
+    uint at = group * pixels + lane / planes;
+    bool is_listed = lane < pixels * planes && at < (has_middle ? live_rest : live_count);
+    uint index = live[is_listed ? (has_middle ? rest_place(at) : at) : 0u];
     uvec2 pixel = pixel_of(index);
-    uint middle = middle_sample(pixel);
-    uint s_index = ONE_FOR_ALL != 0u ? middle : push.sample_index + lane % planes;
 
     // The sample that was shaded for all, and did not do, is not shaded again.
+    uint middle = middle_sample(pixel);
+    uint s_index = ONE_FOR_ALL != 0u ? middle : push.sample_index + lane % planes;
+    if (has_middle && planes < setup.planes_a_group && s_index >= middle) {
+        ++s_index;
+    }
     PixelLook before = look[index];
-    bool has_middle = ONE_FOR_ALL == 0u && before.code != NOT_BEGUN;
-    record_for(index, s_index);
     uvec2 on = hits[hit_index(index, s_index)];
+    bool has_look = is_listed && on.x != NO_INSTANCE && !(has_middle && s_index == middle);
     vec3 mine = vec3(0.0);
-    if (is_listed && on.x != NO_INSTANCE && !(has_middle && s_index == middle)) {
-        mine = look_of(pixel, s_index, on);
+    record_for(index, s_index);
+    if (has_look) {
+        Point point;
+        int turn;
+        begin_waiting();
+        mine = first_look(pixel, s_index, on, point, turn);
+        mine = follow(mine, pixel, s_index, point, turn);
     }
     looks[lane] = mine;
     barrier();

@@ -20,6 +20,22 @@ uint each_pixels_a_group() {
     return LIVE_GROUP / setup.planes_a_group;
 }
 
+// Lanes of a pixel of which one sample was shaded before: that one has none, where all the samples lie side by side.
+uint rest_lanes() {
+    return setup.planes_a_group == setup.samples ? max(setup.planes_a_group - 1u, 1u) : setup.planes_a_group;
+}
+
+// How many groups hold so many pixels.
+uint groups_of(uint pixels, uint pixels_a_group) {
+    return (pixels + pixels_a_group - 1u) / pixels_a_group;
+}
+
+// Where in a list of pixels that are looked at sample by sample the `at`th of those stands of which one sample was shaded before: they are
+// listed from its end, the others from its beginning.
+uint rest_place(uint at) {
+    return uint(frame.frustum.resolution_px.x) * uint(frame.frustum.resolution_px.y) - 1u - at;
+}
+
 // Columns and rows of workgroups that go as far as this one.
 uvec2 live_groups_for(uint group) {
     return uvec2(min(group + 1u, LIVE_GROUPS_X), group / LIVE_GROUPS_X + 1u);

@@ -34,10 +34,10 @@ vec2 sample_offset(uvec2 pixel, uint s) {
 
 const uint NO_SAMPLE = 0xffffffffu;
 
-// A sample near its pixel's middle: in a grid of 2 × 2 the nearest, else the one of the stratum there.
+// A sample near its pixel's middle: of a grid of 2 × 2 whose hits all lie in one group the nearest, else the one of the stratum there.
 uint middle_sample(uvec2 pixel) {
     uint low = (setup.strata - 1u) / 2u;
-    uint high = setup.strata == 2u ? 1u : low;
+    uint high = setup.strata == 2u && setup.planes_a_group == 4u ? 1u : low;
     uint nearest = low * setup.strata + low;
     float distance2 = 2.0;
     for (uint i = 0u; i < 4u; ++i) {

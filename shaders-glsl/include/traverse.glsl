@@ -101,12 +101,19 @@ uint intersect_children(uint meta4, uint octant4, uvec3 near4, uvec3 far4, vec3 
     uint bit_index4 = (meta4 ^ (octant4 & inner_mask4)) & 0x1f1f1f1fu;
     uint child_bits4 = (meta4 >> 5u) & 0x07070707u;
     uint mask = 0u;
+
+    // Least and most are those of the numbers' bits, which are in the numbers' order but where both are negative; then the ray, whose t_min
+    // is not, has left the box before it begins either way. So a driver on the CPU has one instruction where NaN would cost it three.
+    int from = floatBitsToInt(t_min);
+    int to = floatBitsToInt(t_max);
     for (int i = 0; i < 4; ++i) {
         int shift = i * 8;
         vec3 near = vec3((near4 >> shift) & 0xffu) * near_scale + near_offset;
         vec3 far = vec3((far4 >> shift) & 0xffu) * far_scale + far_offset;
-        float enter = max(max(near.x, near.y), max(near.z, t_min));
-        float leave = min(min(far.x, far.y), min(far.z, t_max)) * BOX_PAD;
+        ivec3 n = floatBitsToInt(near);
+        ivec3 f = floatBitsToInt(far);
+        float enter = intBitsToFloat(max(max(n.x, n.y), max(n.z, from)));
+        float leave = intBitsToFloat(min(min(f.x, f.y), min(f.z, to))) * BOX_PAD;
         if (enter <= leave) {
             mask |= ((child_bits4 >> shift) & 0xffu) << ((bit_index4 >> shift) & 0xffu);
         }

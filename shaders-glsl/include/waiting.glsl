@@ -6,10 +6,11 @@
 
 #include "traverse.glsl"
 
-// Whether any material has a clear coat, whether anything virtual is shown, and whether there is more than one light.
+// Whether any material has a clear coat, whether anything virtual is shown, and whether there is no light, one, or more (2). They are
+// compared for equality alone: Mesa 22.3 compiles no shader with an order of specialisation constants.
 layout(constant_id = 6) const uint COATED = 1u;
 layout(constant_id = 7) const uint VIRTUAL = 1u;
-layout(constant_id = 12) const uint MANY_LIGHTS = 1u;
+layout(constant_id = 12) const uint LIGHTS = 2u;
 
 // A sample follows at most this many rays, and none that carries less than this.
 const uint MAX_RAYS = 24u;
@@ -36,7 +37,7 @@ struct ShadowRay {
 
 // Rays for looks may branch; rays toward lights may be more than one.
 const bool LOOKS_WAIT = COATED != 0u || TRANSMISSIVE != 0u;
-const bool SHADOWS_WAIT = MANY_LIGHTS != 0u || VIRTUAL != 0u;
+const bool SHADOWS_WAIT = LIGHTS == 2u || VIRTUAL != 0u;
 
 // Shadow rays are followed before any other, the last one first, so that there are never those of two surfaces, but where a virtual one
 // hides the point.

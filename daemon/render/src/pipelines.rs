@@ -34,7 +34,7 @@ const ONE_FOR_ALL: u32 = 5;
 /// Specialisation constants of `secondary.comp`: how a sample's rays may branch.
 const COATED: u32 = 6;
 const VIRTUAL: u32 = 7;
-const MANY_LIGHTS: u32 = 12;
+const LIGHTS: u32 = 12;
 /// Specialisation constant of `primary.comp`: samples of a pixel that one invocation traces.
 const SAMPLES_TOGETHER: u32 = 4;
 
@@ -57,7 +57,8 @@ pub(crate) struct Features {
 struct Trees {
     coated: bool,
     any_virtual: bool,
-    many_lights: bool,
+    /// None, one, or more.
+    lights: u32,
 }
 
 impl Trees {
@@ -65,7 +66,7 @@ impl Trees {
         Self {
             coated: scene.gpu_materials.iter().any(|m| m.clearcoat > 0.0),
             any_virtual: has_virtual(scene),
-            many_lights: scene.lights.len() > 1,
+            lights: scene.lights.len().min(2) as u32,
         }
     }
 }
@@ -220,7 +221,7 @@ fn secondary(
 ) -> Result<[Arc<ComputePipeline>; 2], GpuError> {
     let shader = features.loads.shader(&shaders::SECONDARY_COMP, device.has_ray_queries());
     let make = |one_for_all| {
-        let constants = [
+        let switches = [
             (EYE_AT_PROJECTOR, settings.eye_at_projector),
             (COUNT_RAYS, settings.count_rays),
             (RECORD_RAYS, settings.record_rays),
@@ -229,10 +230,11 @@ fn secondary(
             (OWN_LENS, features.own_lens),
             (COATED, features.trees.coated),
             (VIRTUAL, features.trees.any_virtual),
-            (MANY_LIGHTS, features.trees.many_lights),
             (ONE_FOR_ALL, one_for_all),
         ];
-        ComputePipeline::new(device, shader, &constants.map(|(id, on)| (id, u32::from(on))))
+        let mut constants: Vec<_> = switches.map(|(id, on)| (id, u32::from(on))).into();
+        constants.push((LIGHTS, features.trees.lights));
+        ComputePipeline::new(device, shader, &constants)
     };
     Ok([make(true)?, make(false)?])
 }

@@ -63,11 +63,12 @@ pub(crate) struct Targets {
     pub(crate) records: Arc<Buffer>,
 }
 
-/// Bytes of `Live` before its list: workgroups of the indirect dispatch, and how long the list is.
-pub(crate) const LIVE_HEAD: u64 = 16;
+/// Bytes of `Live` before its list: workgroups of the indirect dispatch, and how many pixels are listed from the list's beginning and
+/// from its end.
+pub(crate) const LIVE_HEAD: u64 = 20;
 
 /// What an empty list begins with.
-pub(crate) const LIVE_EMPTY: [u32; 4] = [0, 1, 1, 0];
+pub(crate) const LIVE_EMPTY: [u32; 5] = [0, 1, 1, 0, 0];
 
 /// Words of `Counters` in `shaders-glsl/include/counters.glsl`.
 pub(crate) const COUNTER_WORDS: u64 = 5;
