@@ -184,7 +184,7 @@ void main() {
     uint lane = gl_LocalInvocationIndex;
     uint at = group * pixels + lane / planes;
     bool is_listed = lane < pixels * planes && at < (has_middle ? live_rest : live_count);
-    uint index = live[is_listed ? (has_middle ? rest_place(at) : at) : 0u];
+    uint index = is_listed ? live[has_middle ? rest_place(at) : at] : 0u;
     uvec2 pixel = pixel_of(index);
 
     // The sample that was shaded for all, and did not do, is not shaded again.

@@ -65,7 +65,7 @@ pub struct SceneStatus {
     pub nodes: u64,
     /// Triangles of all nodes.
     pub triangles: u64,
-    /// On the device.
+    /// Device memory that its buffers and structures take, with what they have to spare.
     pub bytes: u64,
     /// The world position that device coordinates are relative to.
     #[serde(default)]

@@ -61,6 +61,7 @@ const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/counters.txt");
 /// The table of a run: the driver, what each case submits, and each projector's rays and bytes.
 fn table(told: &Value) -> String {
     let mut all = format!("driver: {}, {}\n", text(&told["device"]["name"]), text(&told["device"]["driver"]));
+    let _ = writeln!(all, "all, of this driver: bytes {}", number(&told["gpu_bytes"]));
     for case in ["static", "viewer", "node", "full"] {
         let found = &told["cases"][case];
         let work = &found["work"];

@@ -124,12 +124,18 @@ impl Play {
                 json!({"remove": {"node": node}})
             }
             13 | 14 => {
-                let [metallic, roughness] = [random.below(2), random.below(2)];
+                let metallic = random.below(2);
+                let roughness = [0.0, 0.3, 1.0][random.below(3)];
+                let clearcoat = if random.once_in(5) { 1 } else { 0 };
                 let transmission = if random.once_in(4) { 1 } else { 0 };
                 let color = [unit(random), unit(random), unit(random)];
-                json!({"material": {"name": format!("{node}/{shape}"), "base_color": color, "metallic": metallic, "roughness": roughness, "transmission": transmission}})
+                json!({"material": {"name": format!("{node}/{shape}"), "base_color": color, "metallic": metallic, "roughness": roughness, "clearcoat": clearcoat, "transmission": transmission}})
             }
             15 => json!({"light": {"name": "lamp", "kind": "point", "position_m": [unit(random), 2.5, unit(random)]}}),
+            16 if random.once_in(3) => {
+                let light = ["lamp", "sun"][random.below(2)];
+                json!({"light": {"name": light, "remove": true}})
+            }
             16 => json!({"light": {"name": "sun", "kind": "directional", "intensity": unit(random)}}),
             17 => json!({"environment": {"color": [unit(random), 0.3, 0.4]}}),
             _ => {

@@ -92,10 +92,16 @@ fn each_change_redoes_what_it_must_and_no_more() {
         "where its shadow falls: {ghost:?}"
     );
 
-    // A material or a light: nor.
-    let light = setting.edited(json!({"light": {"name": "lamp", "intensity": 9.0}})).unwrap();
-    assert_eq!((light.primary, light.blend), (0, 0));
-    assert!(light.secondary > 0 && light.shadow > 0);
+    // A material, a light or the environment: nor.
+    for edit in [
+        json!({"light": {"name": "lamp", "intensity": 9.0}}),
+        json!({"material": {"name": "ball/sphere", "base_color": [0.9, 0.8, 0.7]}}),
+        json!({"environment": {"color": [0.3, 0.2, 0.1]}}),
+    ] {
+        let rays = setting.edited(edit.clone()).unwrap();
+        assert_eq!((rays.primary, rays.blend), (0, 0), "{edit}");
+        assert!(rays.secondary > 0 && rays.shadow > 0, "{edit}");
+    }
 
     // What is rasterised: no ray at all, and a new picture.
     let before = setting.rig.color(0);

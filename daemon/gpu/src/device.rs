@@ -19,7 +19,7 @@ use crate::ticket::Ticket;
 /// What was submitted to a device since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Command buffers, each a submission of its own.
+    /// Calls of `vkQueueSubmit2`, each with the command buffers of all projectors that share a queue.
     pub submissions: u64,
     /// Compute dispatches in them, direct and indirect, and draws.
     pub dispatches: u64,

@@ -52,7 +52,7 @@ pub(crate) struct Features {
 }
 
 /// What of a scene decides how the rays of a sample branch. `secondary.comp` alone is made for it, so that a scene's first coat, virtual
-/// thing or second light has no other shader made anew.
+/// thing, first or second light has no other shader made anew.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Trees {
     coated: bool,

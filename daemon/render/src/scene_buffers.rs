@@ -203,10 +203,11 @@ impl SceneBuffers {
         self.structures.iter().fold(with_buffers, |c, structures| structures.list(c))
     }
 
-    /// Bytes of all of them.
+    /// Bytes of all of them, with the device's own structures.
     pub(crate) fn bytes(&self) -> u64 {
         let small = self.slots.iter().map(|slot| slot.buffer.bytes());
-        small.chain(self.store.buffers().map(|(_, buffer)| buffer.bytes())).sum()
+        let buffers: u64 = small.chain(self.store.buffers().map(|(_, buffer)| buffer.bytes())).sum();
+        buffers + self.structures.as_ref().map_or(0, |structures| structures.bytes())
     }
 }
 

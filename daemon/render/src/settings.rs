@@ -58,11 +58,13 @@ pub struct Walk {
     pub loads: Option<Loads>,
     /// Texel buffers are taken to hold no more elements than this, where the device says more.
     pub texel_elements: Option<u64>,
+    /// A buffer of hits is taken to hold no more bytes than this, where the device says more; then fewer samples of a pixel lie together.
+    pub hits_bytes: Option<u64>,
 }
 
 impl Walk {
     /// As suits the device.
-    pub const BY_DEVICE: Self = Self { beams: None, loads: None, texel_elements: None };
+    pub const BY_DEVICE: Self = Self { beams: None, loads: None, texel_elements: None, hits_bytes: None };
 }
 
 impl Default for Settings {

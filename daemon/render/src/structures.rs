@@ -74,6 +74,12 @@ impl Structures {
         Ok(all)
     }
 
+    /// Bytes of device memory that all of them take.
+    pub(crate) fn bytes(&self) -> u64 {
+        let bottoms = self.bottoms.iter().filter_map(|(_, bottom)| bottom.as_ref()).map(|bottom| bottom.bytes());
+        bottoms.sum::<u64>() + self.structure.as_ref().map_or(0, |top| top.bytes())
+    }
+
     /// Adds the top level.
     pub(crate) fn list(&self, catalogue: Catalogue) -> Catalogue {
         self.structure.iter().fold(catalogue, |c, structure| c.with_structure(NAME, structure))

@@ -25,7 +25,7 @@ pub(crate) struct Targets {
     pub(crate) planes_a_group: u32,
     /// What a pixel's samples make of it, as `include/live.glsl` has it.
     pub(crate) classes: Arc<Buffer>,
-    /// Lists of the pixels whose look depends on the eye: where one sample stands for all, and where each is looked at; 16 bytes
+    /// Lists of the pixels whose look depends on the eye: where one sample stands for all, and where each is looked at; 20 bytes
     /// and 4 a pixel.
     pub(crate) once: Arc<Buffer>,
     pub(crate) each: Arc<Buffer>,
@@ -90,7 +90,8 @@ impl Targets {
         let image = |what: &str, format, usage| {
             Image::new(device, &format!("{name}/{what}"), size_px[0], size_px[1], format, usage)
         };
-        let planes_a_group = planes_a_group(samples, pixels * 8, device.info().max_storage_buffer_bytes);
+        let hits_bytes = device.info().max_storage_buffer_bytes.min(settings.walk.hits_bytes.unwrap_or(u64::MAX));
+        let planes_a_group = planes_a_group(samples, pixels * 8, hits_bytes);
         let color_usage = ImageUsage::COLOR | ImageUsage::SAMPLED;
         Ok(Self {
             size_px,

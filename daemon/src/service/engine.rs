@@ -257,7 +257,7 @@ impl Engine for DaemonEngine {
                 revision: scene.revision,
                 nodes: scene.nodes.len() as u64,
                 triangles: scene.triangle_count() as u64,
-                bytes: scene.device_bytes(),
+                bytes: self.links.stats.scene_bytes(),
                 origin_m: scene.origin_m.to_array(),
             },
             bodies: self.links.bodies.status(),

@@ -375,6 +375,7 @@ impl FrameThread {
             self.tell(EventKind::Output, || Event::Output(event));
         }
         self.links.stats.set_outputs(self.screens.status(), self.renderer.is_coarse());
+        self.links.stats.set_scene_bytes(self.renderer.scene_bytes());
         Ok(())
     }
 

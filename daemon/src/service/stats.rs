@@ -1,6 +1,7 @@
 //! What `status` says about frames.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use hdrhistogram::Histogram;
@@ -76,13 +77,16 @@ impl ProjectorStats {
     }
 }
 
-/// All projectors' frames, by name.
+/// All projectors' frames, by name, and what they share.
 #[derive(Default)]
-pub struct Stats(Mutex<BTreeMap<String, ProjectorStats>>);
+pub struct Stats {
+    projectors: Mutex<BTreeMap<String, ProjectorStats>>,
+    scene_bytes: AtomicU64,
+}
 
 impl Stats {
     fn lock(&self) -> MutexGuard<'_, BTreeMap<String, ProjectorStats>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.projectors.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Starts to count for exactly the projectors of a renderer, keeping what is known of those that stay.
@@ -104,6 +108,16 @@ impl Stats {
                 stats.rendered(report, frame, *missed);
             }
         }
+    }
+
+    /// The scene's buffers take so much of the device's memory.
+    pub fn set_scene_bytes(&self, bytes: u64) {
+        self.scene_bytes.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Device memory that the scene's buffers take, with room that nothing uses.
+    pub fn scene_bytes(&self) -> u64 {
+        self.scene_bytes.load(Ordering::Relaxed)
     }
 
     /// Where all projectors are shown, by name, and whether coarsely.
