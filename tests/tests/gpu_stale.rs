@@ -75,11 +75,11 @@ fn each_change_redoes_what_it_must_and_no_more() {
     // Nothing, nothing.
     assert_eq!(setting.frame(EYE_M), None);
 
-    // The eye: what depends on it alone, and the shadow rays of that.
+    // The eye: what depends on it alone, and the shadow rays of what the ball shows, which is little of the picture.
     let eye = setting.frame(MOVED_M).unwrap();
     println!("the eye: {eye:?}");
     assert_eq!((eye.primary, eye.blend), (0, 0));
-    assert!(eye.secondary > 0 && eye.shadow < full.shadow, "{eye:?} {full:?}");
+    assert!(eye.secondary > 0 && eye.shadow < full.shadow / 8, "{eye:?} {full:?}");
     assert_eq!(setting.frame(MOVED_M), None);
     setting.frame(EYE_M).unwrap();
 
