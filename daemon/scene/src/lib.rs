@@ -25,6 +25,7 @@ mod light;
 mod limits;
 #[cfg(test)]
 mod limits_tests;
+mod looks;
 mod material;
 mod mesh;
 mod mesh_part;
@@ -53,7 +54,7 @@ pub use lantern_proto::{Edit, Role};
 pub use limits::Limits;
 pub use material::{Material, absorption_per_m};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshData};
-pub use mesh_part::{MeshPart, octahedral};
+pub use mesh_part::MeshPart;
 pub use raycast::{Hit, PRIMARY_ROLES, SECONDARY_ROLES, role_bit};
 pub use revision::{Changes, Moved, changes, moved};
 pub use scene::{Instance, Node, Scene, WorldMesh};

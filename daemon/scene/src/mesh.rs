@@ -4,6 +4,7 @@ use glam::{DQuat, DVec2, DVec3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 
 use crate::bvh::Bvh;
+use crate::looks::Looks;
 use crate::structures::Structures;
 
 /// The largest coordinate of a vertex, m: far beyond any room, and far inside what f32 squares and differences bear.
@@ -69,6 +70,8 @@ pub struct Mesh {
     pub bvh: Bvh,
     /// Corners of the box around all triangles, object space, m; `None` without triangles.
     pub bounds_m: Option<(DVec3, DVec3)>,
+    /// Of the vertices.
+    pub(crate) looks: Looks,
 }
 
 impl Mesh {
@@ -93,7 +96,8 @@ impl Mesh {
 
         let bounds_m = bounds_of(&boxes);
         repair_normals(&positions, &indices, &mut normals);
-        Self { positions, normals, uvs, indices, materials, used_materials, bvh, bounds_m }
+        let looks = Looks::new(&normals, &uvs);
+        Self { positions, normals, uvs, indices, materials, used_materials, bvh, bounds_m, looks }
     }
 
     /// The same triangles with their vertices at new positions (as many, finite). The structure is refitted: as what it was
@@ -119,7 +123,8 @@ impl Mesh {
             let (uvs, indices, materials) = (self.uvs.clone(), self.indices.clone(), self.materials.clone());
             return Self::new(MeshData { positions, normals, uvs, indices, materials });
         }
-        Self { positions, normals, bvh, bounds_m: bounds_of(&boxes), ..self.clone() }
+        let looks = Looks::new(&normals, &self.uvs);
+        Self { positions, normals, bvh, bounds_m: bounds_of(&boxes), looks, ..self.clone() }
     }
 
     /// The corners of a triangle, object space, m.

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use crate::looks::texel;
 use crate::mesh::Mesh;
 
 /// One of the buffers that a mesh has a share of. Texels are 16 bytes; an element is what shaders count by.
@@ -15,9 +16,9 @@ pub enum MeshPart {
     /// Three `vec4` a triangle, object space, m, 0 in w: corner 0; corner 1 − corner 0; corner 2 − corner 0. Triangles are in
     /// the order of the structure's leaves, so a leaf's primitive number is a triangle's.
     Triangles,
-    /// One `uvec4` a triangle: the mesh's own numbers of its three vertices, and its material's. One texel, hence one load.
+    /// One `uvec4` a triangle: the mesh's own numbers of its three vertices' looks, and its material's. One texel, hence one load.
     Indices,
-    /// One `uvec4` a vertex: normal (octahedral, two snorm16, x in the low half), u, v (f32 bits), 0.
+    /// One `uvec4` a look, which neighbouring vertices share that have the same: normal (octahedral, two snorm16, x in the low half), u, v (f32 bits), 0.
     Vertices,
 }
 
@@ -41,7 +42,7 @@ impl Mesh {
         match part {
             MeshPart::Nodes => self.bvh.nodes.len(),
             MeshPart::Triangles | MeshPart::Indices => self.indices.len(),
-            MeshPart::Vertices => self.normals.len(),
+            MeshPart::Vertices => self.looks.count(self.normals.len()),
         }
     }
 
@@ -57,11 +58,12 @@ impl Mesh {
             MeshPart::Triangles => self.indices[elements].iter().flat_map(|t| self.triangle_texels(t)).collect(),
             MeshPart::Indices => {
                 let rows = self.indices[elements.clone()].iter().zip(&self.materials[elements]);
-                rows.map(|(t, material)| [t[0], t[1], t[2], *material]).collect()
+                let look = |vertex: u32| self.looks.of(vertex);
+                rows.map(|(t, material)| [look(t[0]), look(t[1]), look(t[2]), *material]).collect()
             }
             MeshPart::Vertices => {
-                let rows = self.normals[elements.clone()].iter().zip(&self.uvs[elements]);
-                rows.map(|(normal, uv)| [octahedral(*normal), uv[0].to_bits(), uv[1].to_bits(), 0]).collect()
+                let vertices = elements.map(|look| self.looks.vertex(look));
+                vertices.map(|vertex| texel(self.normals[vertex], self.uvs[vertex])).collect()
             }
         }
     }
@@ -72,54 +74,10 @@ impl Mesh {
     }
 }
 
-/// A unit vector as two snorm16 (x in the low half) on the octahedron |x| + |y| + |z| = 1 unfolded about +Z: Cigolle et
-/// al., "A Survey of Efficient Representations for Independent Unit Vectors", JCGT 2014.
-pub fn octahedral(normal: [f32; 3]) -> u32 {
-    let [x, y, z] = normal;
-    let sum = x.abs() + y.abs() + z.abs();
-    let (mut px, mut py) = (x / sum, y / sum);
-    if z < 0.0 {
-        (px, py) = ((1.0 - py.abs()).copysign(px), (1.0 - px.abs()).copysign(py));
-    }
-    let snorm = |v: f32| u32::from((v.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16);
-    snorm(px) | snorm(py) << 16
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::mesh::MeshData;
-    use proptest::prelude::*;
-
-    /// The decoder as a shader writes it.
-    fn from_octahedral(packed: u32) -> Vec3 {
-        let snorm = |half: u32| f32::from(half as u16 as i16) / 32767.0;
-        let (x, y) = (snorm(packed & 0xffff), snorm(packed >> 16));
-        let mut v = Vec3::new(x, y, 1.0 - x.abs() - y.abs());
-        let t = (-v.z).max(0.0);
-        v.x -= t.copysign(v.x);
-        v.y -= t.copysign(v.y);
-        v.normalize()
-    }
-
-    proptest! {
-        #[test]
-        fn packed_normals_point_where_they_did(v in prop::array::uniform3(-1f32..1.0)) {
-            prop_assume!(Vec3::from(v).length() > 1e-3);
-            let normal = Vec3::from(v).normalize();
-            let error_rad = from_octahedral(octahedral(normal.to_array())).angle_between(normal);
-            prop_assert!(error_rad < 1e-3, "{normal} off by {error_rad}");
-        }
-    }
-
-    #[test]
-    fn the_axes_survive_packing_exactly() {
-        for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
-            for axis in [axis, -axis] {
-                assert!((from_octahedral(octahedral(axis.to_array())) - axis).length() < 1e-6);
-            }
-        }
-    }
 
     #[test]
     fn a_part_is_the_same_in_pieces_as_whole() {
