@@ -18,7 +18,7 @@ struct Sight {
     bool takes_back;       // the same, to be taken back
 };
 
-// The nearest viewer that stands in front of the surface; false where none does.
+// The nearest viewer that stands in front of the surface; false, and `eye` as it was, where none does.
 bool viewer_of(Surface s, inout vec3 eye) {
     float nearest = 3.0e38;
     for (uint i = 0u; i < setup.viewer_count; ++i) {

@@ -102,8 +102,9 @@ uint intersect_children(uint meta4, uint octant4, uvec3 near4, uvec3 far4, vec3 
     uint child_bits4 = (meta4 >> 5u) & 0x07070707u;
     uint mask = 0u;
 
-    // Least and most are those of the numbers' bits, which are in the numbers' order but where both are negative; then the ray, whose t_min
-    // is not, has left the box before it begins either way; and at −0, which lets it into a box too many. So a driver on the CPU has one instruction where NaN would cost it three.
+    // Least and most are those of the numbers' bits. These are in the numbers' order but where both are negative, and then the ray, whose
+    // t_min is not, has left the box before it begins either way; −0 alone lets it into a box too many. So a driver on the
+    // CPU needs one instruction where GLSL's rule on NaN costs it three.
     int from = floatBitsToInt(t_min);
     int to = floatBitsToInt(t_max);
     for (int i = 0; i < 4; ++i) {
